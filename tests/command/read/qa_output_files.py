@@ -6,9 +6,6 @@ import io
 import json
 import os
 import re
-import signal
-import subprocess
-import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -89,15 +86,6 @@ def test_parquet_values_equal_those_of_csv_and_join_with_others(tmp_path):
     assert parquet.ParquetFile(files[1]).num_row_groups == 2
 
 
-def test_parquet_of_interrupted_run_is_valid(tmp_path):
-    path = tmp_path / "out.parquet"
-    with pytest.raises(KeyboardInterrupt), ParquetWriter(path) as writer:
-        for reading in readings(10):
-            writer.write(reading)
-        raise KeyboardInterrupt
-    assert len(pandas.read_parquet(path)) == 10
-
-
 @pytest.mark.parametrize("suffix", ["parquet", "mcap"])
 def test_writer_that_is_refused_keeps_former_file(tmp_path, suffix):
     path = tmp_path / f"out.{suffix}"
@@ -106,33 +94,13 @@ def test_writer_that_is_refused_keeps_former_file(tmp_path, suffix):
     with pytest.raises(KeyboardInterrupt), writer:
         raise KeyboardInterrupt
     assert path.read_bytes() == b"former"
+    if suffix == "mcap":  # a run whose device never answered
+        with Outputs(McapWriter(path)):
+            pass
+        assert path.read_bytes() == b"former"
     with closing(OutputFile(path, append=True)):
         with pytest.raises(InputError, match="is being written to by another process"):
             writer.begin()
-
-
-def test_mcap_that_never_began_keeps_former_file(tmp_path):
-    """A run that was ended before its device answered emptied the recording of the day before."""
-    path = tmp_path / "out.mcap"
-    path.write_bytes(b"former")
-    with Outputs(McapWriter(path)):
-        pass
-    assert path.read_bytes() == b"former"
-
-
-def test_content_that_the_system_does_not_cut_off_is_named(tmp_path, monkeypatch):
-    """Rows were written behind those of another run."""
-    path = tmp_path / "out.csv"
-    path.write_text("former\n")
-
-    class AppendOnly(io.FileIO):
-        def truncate(self, _):
-            raise OSError(errno.EPERM, "Operation not permitted")
-
-    monkeypatch.setattr(output_file, "open", lambda path, *_, **__: AppendOnly(path, "a"), False)
-    with pytest.raises(InputError, match=r"out.csv: cannot be cut off \(Operation not permitted"):
-        OutputFile(path)
-    assert path.read_text() == "former\n"
 
 
 @pytest.mark.parametrize("options", [["--append"], ["--rotate", "1h"]])
@@ -187,39 +155,6 @@ def test_full_disk_ends_run_with_all_rows_in_a_valid_file(tmp_path, monkeypatch,
         assert kept in (rows, rows + 1)  # the wrench of the last reading may be missing
 
 
-def test_mcap_at_limit_of_size_keeps_whole_chunks(tmp_path, monkeypatch):
-    """Where no space can be given back, the file has no index, but can be recovered."""
-    path = tmp_path / "out.mcap"
-    disk = FullDisk(monkeypatch, 20_000)
-    monkeypatch.setattr(disk, "close", lambda: None)
-    writer = McapWriter(path)
-    with pytest.raises(OutputError, match="No space left.*but those of the last seconds"), writer:
-        for reading in readings(100_000):
-            writer.write(reading)
-    assert writer.rows > 100 and len(list(mcap_rows(path))) > writer.rows - 50
-
-
-KILLED = """
-import os, signal, sys
-from gnuradio.wiforce.io.files.mcap_file import McapWriter
-from gnuradio.wiforce.io.readings import Reading
-writer = McapWriter(sys.argv[1])
-for group in range(200):
-    writer.write(Reading(0.018 + 0.036 * group, "arm", 1, 4.0, 0.1, 45.0, 0.2, group=group))
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-def test_mcap_of_killed_process_is_recovered_but_for_its_last_second(tmp_path):
-    path = tmp_path / "out.mcap"
-    done = subprocess.run([sys.executable, "-c", KILLED, str(path)], timeout=300)
-    assert done.returncode == -signal.SIGKILL
-    exported = succeeded("export", path, "-o", tmp_path / "out.csv")
-    kept = len(frame_of(tmp_path / "out.csv"))
-    assert 200 - 1.2 / 0.036 < kept < 200
-    assert f"{path}: ends behind reading {kept} without a regular end" in exported.stderr
-
-
 def test_mcap_cut_anywhere_gives_a_prefix_of_its_readings(tmp_path):
     """Whatever a power failure leaves, what can be read is right."""
     path, cut = tmp_path / "whole.mcap", tmp_path / "cut.mcap"
@@ -237,17 +172,20 @@ def test_mcap_cut_anywhere_gives_a_prefix_of_its_readings(tmp_path):
     assert 0 in counts and len(set(counts)) > 2
 
 
-def test_export_of_mcap_cut_in_its_first_chunk_is_refused(tmp_path):
+def test_export_of_a_cut_mcap_says_what_is_there(tmp_path):
     """It became an empty table, without a word."""
     path, out = tmp_path / "cut.mcap", tmp_path / "out.csv"
     with McapWriter(path) as writer:
-        for reading in readings(20):
+        for reading in readings(200):
             writer.write(reading)
-    complete = succeeded("export", path, "-o", out)
-    assert "cut off" not in complete.stderr
-    path.write_bytes(path.read_bytes()[:1000])
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    exported = succeeded("export", path, "-o", out)
+    kept = len(frame_of(out))
+    assert 0 < kept < 200
+    assert f"{path}: ends behind reading {kept} without a regular end" in exported.stderr
+    path.write_bytes(whole[:1000])
     assert "is cut off before its first reading" in refused("export", path, "-o", out)
-    assert len(frame_of(out)) == 20
 
 
 def test_mcap_folder_gets_files_of_limited_size_with_all_readings(tmp_path):
@@ -261,29 +199,27 @@ def test_mcap_folder_gets_files_of_limited_size_with_all_readings(tmp_path):
     assert groups == 2 * list(range(1000)) and len(files) >= 4
 
 
-def test_mcap_without_utc_counts_time_from_the_first_sample(tmp_path):
-    path = tmp_path / "out.mcap"
-    with McapWriter(path) as writer:
-        for reading in readings(8):
-            writer.write(reading)
-    with open(path, "rb") as file:
-        times = [message.log_time for _, _, message in make_reader(file).iter_messages()]
-    assert times == sorted(2 * [18_000_000 + 36_000_000 * group for group in range(8)])
-
-
-def test_mcap_reading_without_utc_has_the_time_of_the_one_before(tmp_path):
+@pytest.mark.parametrize(
+    ("stamps", "expected"),
+    [
+        (("2026-01-31T23:59:59.000000Z", ""), {1769903999 * 10**9}),
+        (("", ""), {18 * 10**6, 54 * 10**6}),
+    ],
+)
+def test_mcap_reading_without_utc_has_the_time_before_or_of_the_signal(tmp_path, stamps, expected):
     """The time axis of a viewer would begin in 1970 for one reading."""
     path = tmp_path / "out.mcap"
     with McapWriter(path) as writer:
-        for reading, utc in zip(readings(2), ("2026-01-31T23:59:59.000000Z", ""), strict=True):
+        for reading, utc in zip(readings(2), stamps, strict=True):
             writer.write(reading, {"time_utc": utc})
     with open(path, "rb") as file:
         times = {message.log_time for _, _, message in make_reader(file).iter_messages()}
-    assert times == {1769903999 * 10**9}
+    assert times == expected
 
 
-@pytest.mark.parametrize("source", ["csv", "jsonl", "parquet"])
-@pytest.mark.parametrize("form", ["csv", "json", "parquet"])
+@pytest.mark.parametrize(
+    ("source", "form"), [("csv", "json"), ("jsonl", "parquet"), ("parquet", "csv")]
+)
 def test_export_keeps_every_value(tmp_path, source, form):
     path = written(tmp_path / f"in.{source}")
     output = tmp_path / f"out.{ {'json': 'jsonl'}.get(form, form) }"
@@ -322,14 +258,6 @@ def test_export_from_mcap_keeps_surfaces(tmp_path):
         assert (torque.x, torque.y) == pytest.approx((-0.05, 0.18))
         torque = found["/wiforce/low/wrench"][0].wrench.torque
         assert (torque.x, torque.y) == pytest.approx((0, 0.09))
-
-
-def test_export_to_mcap_warns_only_of_what_is_lost(tmp_path):
-    (tmp_path / "a.csv").write_text(
-        "time_s,sensor,y_mm,cov_x_y,cov_force_y,ok\n0.018,skin,12.5,0.1,,True\n"
-    )
-    done = run_command("export", tmp_path / "a.csv", "--to", "mcap")
-    assert "columns without a field in MCAP are left out: cov_x_y, ok\n" in done.stderr
 
 
 def test_export_to_unknown_suffix_names_those_that_exist(tmp_path):
@@ -405,10 +333,6 @@ def test_examples_run_on_a_press(tmp_path, monkeypatch, capsys):
     assert len(names["both"]) == len(names["clear"]) == len(forces)
 
 
-@pytest.mark.parametrize("name", [*(name for name, *_ in CHANNELS), "mcap-ros2-support"])
-def test_page_names_channels_and_packages(name):
-    assert f"`{name}`" in PAGE
-
-
-def test_page_names_all_topics():
-    assert all(f"`{topic}`" in PAGE for topic in topics_of(["SENSOR"]))
+def test_page_names_topics_channels_and_packages():
+    named = [*topics_of(["SENSOR"]), *(name for name, *_ in CHANNELS), "mcap-ros2-support"]
+    assert [name for name in named if f"`{name}`" not in PAGE] == []

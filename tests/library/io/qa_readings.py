@@ -1,18 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Readings, their flags and their files: what a script that parses them relies on."""
 
-import errno
 import json
 import os
-import shutil
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from command_runs import rows_of
-from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.writers import RotatingWriter, Rotation, open_writer
 from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher
 from gnuradio.wiforce.io.outputs import Outputs
@@ -77,24 +74,18 @@ def test_flag_words_equal_documented_order():
     assert Flag(0).words == ()
 
 
-def test_csv_writer_unknown_values_are_empty_and_rows_flushed(tmp_path):
-    path = tmp_path / "out.csv"
-    writer = open_writer(path)
-    writer.write(TOUCHED)
-    writer.write(UNKNOWN)
-    rows = rows_of(path)
-    writer.close()
+def test_writers_round_and_write_unknown_values_as_nothing(tmp_path):
+    """Rows are in the file as soon as they are written."""
+    with open_writer(tmp_path / "out.csv") as writer:
+        writer.write(TOUCHED)
+        writer.write(UNKNOWN)
+        rows = rows_of(tmp_path / "out.csv")
     assert rows[0]["force_n"] == "4.1235" and rows[0]["flags"] == "gap weak"
     assert rows[0]["touch"] == "1" and rows[0]["snr_db"] == "9.88"
     assert rows[1]["touch"] == "" and rows[1]["force_n"] == ""
-
-
-def test_json_writer_unknown_values_are_null(tmp_path):
-    path = tmp_path / "out.jsonl"
-    writer = open_writer(path)
-    writer.write(Reading(0.018, "arm", 1, float("nan"), snr_db=float("-inf")))
-    writer.close()
-    row = json.loads(path.read_text())
+    with open_writer(tmp_path / "out.jsonl") as writer:
+        writer.write(Reading(0.018, "arm", 1, float("nan"), snr_db=float("-inf")))
+    row = json.loads((tmp_path / "out.jsonl").read_text())
     assert tuple(row) == COLUMNS
     assert row["force_n"] is None and row["snr_db"] is None and row["touch"] == 1
 
@@ -115,41 +106,6 @@ def test_writer_existing_file_is_kept_until_first_reading(earlier):
         assert earlier.read_text() == "precious\n"
         writer.write(UNKNOWN)
         assert earlier.read_text() == f"{','.join(COLUMNS)}\n0.054,arm,,,,,,,,,gap,,\n"
-
-
-@pytest.mark.parametrize("name", ["out.csv", "out.parquet"])
-def test_writer_on_a_full_disk_keeps_the_former_file(tmp_path, monkeypatch, name):
-    """`read -o old.csv` emptied the file of an earlier run, and had no room for its own rows."""
-
-    def full(*_):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=4096))
-
-    former, other = tmp_path / name, tmp_path / f"new-{name}"
-    former.write_text("precious\n")
-    monkeypatch.setattr(os, "posix_fallocate", full)
-    with pytest.raises(OutputError, match=r"needs 65536 bytes, 4096 are free\); its former "):
-        open_writer(former).begin()
-    assert former.read_text() == "precious\n"
-    with open_writer(other) as writer:  # there may be room for some rows
-        writer.write(UNKNOWN)
-    assert other.stat().st_size > 0
-
-
-def test_writer_replaces_a_file_larger_than_the_room_beside_it(tmp_path, monkeypatch):
-    """A recording of a day could not be made anew on a disk that it fills by more than half."""
-
-    def allocate(_, offset, size):
-        if size > 100_000:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    former = tmp_path / "out.csv"
-    former.write_bytes(bytes(200_000))
-    monkeypatch.setattr(os, "posix_fallocate", allocate)
-    with open_writer(former) as writer:
-        writer.write(UNKNOWN)
-    assert len(former.read_text().splitlines()) == 2
 
 
 def test_rows_are_counted_by_files_and_not_by_sockets(tmp_path):

@@ -4,7 +4,6 @@
 import errno
 import fcntl
 import os
-import shutil
 import tempfile
 import threading
 from collections.abc import Iterable, Iterator
@@ -18,8 +17,7 @@ from ..outputs import Output
 from ..text.textfile import check_output
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
-# The longest row: what a machine that failed may have left incomplete, and what there must be room
-# for before a file is emptied.
+# The longest row: what a machine that failed may have left incomplete.
 LONGEST_ROW = 65_536
 
 
@@ -28,7 +26,7 @@ class OutputFile:
 
     ``kept`` says what remains when it cannot be written further; ``reserve_bytes`` are held on the
     disk so that a file can be ended when it is full (``reserve_used``). Refuses a file that another
-    process writes, and to replace one without room for a row.
+    process writes.
     """
 
     def __init__(
@@ -49,8 +47,13 @@ class OutputFile:
                 _lock(path, self._file)
                 self.size_bytes = os.fstat(self._file.fileno()).st_size
                 if not append:
-                    self._empty(reserve_bytes)
-        except (InputError, OutputError):
+                    if self.size_bytes:
+                        self.cut(0)
+                    if reserve_bytes:
+                        with suppress(OSError):
+                            folder = Path(path).absolute().parent
+                            self._reserve = _reserved(folder, reserve_bytes)
+        except InputError:
             self._file.close()
             raise
         except (OSError, ValueError) as error:
@@ -105,25 +108,6 @@ class OutputFile:
         """Close the file, which then holds what was written."""
         self._free_reserve()
         self._file.close()
-
-    def _empty(self, reserve_bytes: int) -> None:
-        """Empty the file, which makes room for as much again, once there is room for a row."""
-        folder = Path(self._path).absolute().parent
-        try:
-            if self.size_bytes:
-                _reserved(folder, LONGEST_ROW).close()
-        except OSError as error:
-            if error.errno in _FULL:
-                self._file.close()
-                free = shutil.disk_usage(folder).free
-                rule = f"cannot be replaced ({error.strerror}: needs {LONGEST_ROW} bytes, {free} "
-                rule += "are free); its former content is kept"
-                raise OutputError(self._path, rule) from error
-        if self.size_bytes:
-            self.cut(0)
-        if reserve_bytes:
-            with suppress(OSError):
-                self._reserve = _reserved(folder, reserve_bytes)
 
     def _free_reserve(self) -> None:
         if self._reserve is not None:
