@@ -194,8 +194,8 @@ class ToneModel:
     def prepare(self, groups: Groups) -> tuple[GroupTones, list[bool]]:
         """The tones of a batch; also which groups have tones, all of them finite."""
         weights = np.full(len(groups), self._complete, object)
-        parts = groups.tones.view(groups.tones.real.dtype)
-        peaks = np.abs(parts).max(axis=(1, 2), initial=0)
+        parts = groups.tones.real, groups.tones.imag
+        peaks = sum(np.abs(part).max(axis=(1, 2), initial=0) for part in parts)
         usable = ((peaks > 0) & (peaks < np.inf)).tolist()
         rows: list[int] = []
         if groups.timed is not None:
