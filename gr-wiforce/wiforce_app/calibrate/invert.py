@@ -20,6 +20,12 @@ from ..shell.options import CARRIER_HZ, Number, readings_output, sensor_names
 _NEEDED = ("phase1_deg", "phase2_deg")
 _LARGEST = 1e12  # of any number: phases of more have no digits left for degrees
 
+_UNEXPLAINED = {"inconsistent", "extrapolated"}
+_OF_ANOTHER = (
+    "most phases do not fit the sensor: are the ports swapped, is the sign inverted (it must be "
+    "that of arg S11, arg S22), or are they of another line or carrier?"
+)
+
 
 @click.command(cls=GroupedHelp, examples=("invert phases.csv --sensor arm.yaml -o forces.csv",))
 @click.argument("phases", type=click.Path())
@@ -45,7 +51,7 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     Where location_mm is given it is taken as known, unless location_std_mm says that it is a
     reading itself: readings can be inverted again.
     """
-    from gnuradio.wiforce.calibration.mistakes import phase_suspicions
+    from gnuradio.wiforce.calibration.mistakes import radians_suspicion
     from gnuradio.wiforce.sensor import load_sensor
 
     if std_deg is not None and std_deg <= 0:
@@ -62,8 +68,6 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     measured = np.array([[row[column] for column in _NEEDED] for row in rows])
     known = np.array([row["location_mm"] for row in rows])
     try:
-        for text in phase_suspicions(sensor, measured, std, known, frequency_hz):
-            log.warning(f"{phases}: {text}")
         touch = touch_of(sensor, measured, std, frequency_hz)
         if tracked or smoothed:
             follow = _smoothed if smoothed else _tracked
@@ -77,6 +81,12 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
                     found[index] = values
     except InputError as error:
         raise error.renamed({"location_mm": f"{phases}: location_mm"}) from error
+    unexplained = [bool(_UNEXPLAINED & set(values[-1])) for values in found if values is not None]
+    suspected = radians_suspicion(measured)
+    if not suspected and unexplained and np.mean(unexplained) > 0.5:
+        suspected = [_OF_ANOTHER]
+    for text in suspected:
+        log.warning(f"{phases}: {text}")
     with writer:
         writer.write_all(
             _reading(row, sensor, std, state, values)

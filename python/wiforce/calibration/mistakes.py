@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Likely mistakes of calibration tables, of the assumed line, and of phases for a model.
+"""Likely mistakes of calibration tables, and of the assumed line.
 
 Along the line the phase falls by 2 beta per millimetre at port 1 and rises by as much at port 2,
 which shows swapped ports, signs and units, and its permittivity. The changes against the untouched
@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..sensor import line
-from ..sensor.model import SensorModel
 from ..signal.carrier import same_carrier, wrap_deg
 from .data import carriers_of, touched_rows, untouched_phases
 from .tables import CalibrationTable
@@ -47,9 +46,6 @@ _SMALLEST_SHARE = 0.1
 # A direction is reversed if it leaves so much less scatter.
 _REVERSED = 0.25
 _DIRECTION_SLOPES = np.linspace(0.9, 1.4, 101)
-# Readings of which so many are unexplained are suspicious.
-_MOST, _ROWS_TRIED = 0.5, 200
-_UNEXPLAINED = {"inconsistent", "extrapolated"}
 
 
 @dataclass(frozen=True)
@@ -165,7 +161,7 @@ def stated_suspicions(found: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _units(table: CalibrationTable, touched: CalibrationTable, length_mm: float) -> list[str]:
-    found = _radians(table.phase_deg)
+    found = radians_suspicion(table.phase_deg)
     farthest_mm = float(np.max(touched.location_mm))
     if 0 < farthest_mm <= _SMALLEST_SHARE * length_mm:
         unit = "metres" if farthest_mm < 1 else "centimetres"
@@ -179,7 +175,8 @@ def _units(table: CalibrationTable, touched: CalibrationTable, length_mm: float)
     return found
 
 
-def _radians(phases_deg: np.ndarray) -> list[str]:
+def radians_suspicion(phases_deg: np.ndarray) -> list[str]:
+    """A sentence where all phases are as small as angles in radians."""
     widest = float(np.max(np.abs(phases_deg)))
     if widest > _TURN_RAD:
         return []
@@ -190,8 +187,11 @@ def _reversed(own: _Presses, slope: float) -> list[str]:
     """Ports whose phases follow a line if location or sign is reversed, and do not as given."""
     if len(own.location_mm) < _ENOUGH_LOCATIONS:
         return []
-    causes = {(port,): f"the phase of port {port + 1} alone moves" for port in (0, 1)}
-    causes[0, 1] = "the phases of both ports move"
+    causes = {
+        (0,): "the phase of port 1 alone moves",
+        (1,): "the phase of port 2 alone moves",
+        (0, 1): "the phases of both ports move",
+    }
     given = 1 - float(own.on_lines(slope * _SLOPES).max())
     if given <= 1 - _ON_A_LINE:
         return []
@@ -286,29 +286,4 @@ def _other_line(own: _Presses, length_mm: float, permittivity: float) -> list[st
     return [
         f"{at}untouched phases are off by some {-extent_deg:+.0f} deg at both ports: was the far "
         "end open while untouched (not shorted, nor 50 ohm), with the cables of the presses?"
-    ]
-
-
-def phase_suspicions(
-    model: SensorModel,
-    phases_deg: np.ndarray,
-    std_deg: float,
-    location_mm: np.ndarray | None = None,
-    frequency_hz: float | None = None,
-) -> list[str]:
-    """Whether phases (n, 2) seem to be in radians, or most touched ones do not fit a model."""
-    rows = np.linspace(0, len(phases_deg) - 1, min(len(phases_deg), _ROWS_TRIED)).astype(int)
-    phases = np.asarray(phases_deg, float)[rows]
-    if found := _radians(phases):
-        return found
-    known = np.full(len(rows), np.nan) if location_mm is None else np.asarray(location_mm)[rows]
-    touched = ~model.is_untouched(phases, std_deg, frequency_hz)
-    if not touched.any():
-        return []
-    read = model.invert(phases[touched], std_deg, known[touched], frequency_hz)
-    if np.mean([bool(_UNEXPLAINED & set(flags)) for flags in read.flags]) <= _MOST:
-        return []
-    return [
-        "most phases do not fit the sensor: are the ports swapped, is the sign inverted (it must "
-        "be that of arg S11, arg S22), or are they of another line or carrier?"
     ]

@@ -14,7 +14,7 @@ from command_runs import refused, run_command, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.mistakes import phase_suspicions, suspicions
+from gnuradio.wiforce.calibration.mistakes import suspicions
 from gnuradio.wiforce.calibration.tables import (
     CalibrationTable,
     measure_vna,
@@ -415,26 +415,16 @@ def test_invert_with_large_std_does_not_report_untouched(tmp_path):
     assert [(row["touch"], row["flags"]) for row in found] == [("0", ""), ("1", "")]
 
 
-def test_phase_suspicions_name_mistakes_of_a_table_to_invert(tmp_path):
+def test_invert_warns_of_radians_and_of_phases_that_do_not_fit(tmp_path):
     line = load_sensor("line-900mhz")
-    places = np.array([25.0, 35.0, 45.0, 55.0])
-    phases = line.phases_deg([2.0, 3.0, 4.0, 5.0], places)
-    assert phase_suspicions(line, phases, 1.0, places) == []
-    for changed, known, message in (
-        (np.radians(phases), None, "in radians"),
-        (-phases, None, "do not fit the sensor"),
-        (phases[:, ::-1], places, "do not fit the sensor"),
-        (2.7 * phases, None, "do not fit the sensor"),
+    phases = line.phases_deg([2.0, 3.0, 4.0, 5.0], [25.0, 35.0, 45.0, 55.0])
+    assert inverted(tmp_path, phases.tolist())[1] == ""
+    for changed, message in (
+        (np.radians(phases), "in radians"),
+        (-phases, "do not fit the sensor"),
+        (2.7 * phases, "do not fit the sensor"),
     ):
-        (found,) = phase_suspicions(line, changed, 1.0, known)
-        assert message in found
-    # A press explains a single row of small angles, taken for degrees, as well.
-    one = np.radians(line.phases_deg([4.0], [40.0]))
-    assert abs(one).max() < 2
-    (found,) = phase_suspicions(line, one, 1.0)
-    assert "in radians" in found
-    _, said = inverted(tmp_path, (-phases).tolist())
-    assert "warning: " in said and "do not fit the sensor" in said
+        assert message in inverted(tmp_path, changed.tolist())[1]
 
 
 def test_line_sensor_of_the_documentation_can_be_used(tmp_path):
