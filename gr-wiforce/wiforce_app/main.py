@@ -144,8 +144,6 @@ def main(argv=None):
             return error.code
         return _fail(FAILED, str(error.__context__ or error))
     except OSError as error:
-        if isinstance(error.__context__, KeyboardInterrupt) and _is_of_closed_terminal(error):
-            return _end_of_interruption(error)
         if state["debug"]:
             traceback.print_exc()
         _silence(sys.stdout)  # a full standard output would fail again when Python flushes it
@@ -221,16 +219,6 @@ class _StandardOutput(io.FileIO):
 
 class _OutputClosed(Exception):
     """The reader of standard output is gone. No OSError, of which click ends silently with 1."""
-
-
-def _is_of_closed_terminal(error):
-    """Whether standard output, which errors name, or standard error is a terminal that is gone."""
-    number = {"standard output": 1, None: 2}.get(error.filename, -1)
-    try:
-        os.write(number, b"")  # where nothing is written, a disk or a device has failed
-    except OSError as found:
-        return found.errno == error.errno == errno.EIO
-    return False
 
 
 def _end_of_interruption(error):

@@ -38,17 +38,6 @@ class LazyGroup(click.Group):
         with _gnuradio_named(ctx):
             return super().invoke(ctx)
 
-    def resolve_command(self, ctx, args):
-        try:
-            return super().resolve_command(ctx, args)
-        except click.UsageError as error:
-            import difflib  # only a mistake pays for it
-
-            near = difflib.get_close_matches(args[0], self._commands, n=1)
-            if near:
-                error.message += f" Did you mean '{near[0]}'?"
-            raise
-
     def format_commands(self, ctx, formatter):
         widest = max(map(len, self._commands))
         for heading, names in self._groups.items():

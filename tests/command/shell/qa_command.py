@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The command: subcommands, one line per failure, exit status."""
 
-import errno
 import json
 import os
 import pty
@@ -86,7 +85,6 @@ def test_list_shows_shipped_names_with_a_description():
     "arguments, message",
     [
         (["nonsense"], "No such command 'nonsense'"),
-        (["raed"], "No such command 'raed'. Did you mean 'read'?"),
         (["--nonsense"], "No such option"),
         (["simulate"], "simulate: Missing argument 'SCENE.yaml'"),
         (["simulate", "a", "b", "c"], "unexpected extra argument"),
@@ -151,33 +149,6 @@ def test_command_failure_gives_one_line_and_its_status(raising, capsys, error, s
     raising(error)
     assert app.main(["fail"]) == status
     assert capsys.readouterr().err.strip() == line
-
-
-@pytest.mark.parametrize(
-    "number, closed, status, line",
-    [
-        (errno.EIO, True, 130, "interrupted"),
-        (errno.EIO, False, 1, "out of order"),
-        (errno.ENOSPC, True, 1, "out of order"),
-    ],
-)
-def test_command_failure_after_ctrl_c_is_named(raising, capsys, number, closed, status, line):
-    """Only a terminal that is closed is no failure of its own; a disk may fail alike."""
-    error = OSError(number, "out of order")
-    error.__context__ = KeyboardInterrupt()
-    raising(error)
-    terminal, end = pty.openpty()
-    kept = os.dup(2)
-    try:
-        if closed:
-            os.dup2(end, 2)
-        os.close(end)
-        os.close(terminal)
-        assert app.main(["fail"]) == status
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-    assert capsys.readouterr().err == f"gr-wiforce: {line}\n"
 
 
 def test_debug_option_unexpected_error_shows_traceback(raising, capsys):
