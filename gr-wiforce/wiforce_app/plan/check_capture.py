@@ -79,10 +79,6 @@ def _of_sensor(tag, sensor, others, wrong):
 # Levels need few frames; the survey of the room, at a device, at least 0.1 s of them.
 LEVEL_FRAMES = 4000
 _PART_BYTES = 1 << 20
-# By the bound of docs/theory.md, phases of a group of T_g seconds err by L S c1[1]^2 / (2 q T_g)
-# rad^2 for noise of density L that is alike on all subcarriers, and a static path S above line 1:
-# q = 0.155, c1[1] = 0.225, T_g = 36 ms.
-_DEPTH_S = 2 * 0.155 * 0.036 / 0.225**2
 
 
 def check_capture(path, scene_path, datatype=None):
@@ -265,11 +261,6 @@ def level_lines(levels):
 
 
 def _phase_noise(density_dbc_hz):
-    """Phase noise, and the tag below the static path that it leaves readable."""
     if density_dbc_hz is None:
         return "noise of the synthesizers is hidden by other noise"
-    depth_db = 20 * np.log10(np.radians(1)) + 10 * np.log10(_DEPTH_S) - density_dbc_hz
-    return (
-        f"noise of the synthesizers {density_dbc_hz:.0f} dBc/Hz: a tag {depth_db:.0f} dB below the "
-        "static path errs by 1 deg"
-    )
+    return f"noise of the synthesizers {density_dbc_hz:.0f} dBc/Hz"

@@ -18,7 +18,7 @@ from gnuradio.wiforce.estimation.packets.packet_survey import (
     phase_std_deg,
     snapshot_snr_db,
 )
-from gnuradio.wiforce.io.capture.channel_snapshots import CLOCK_STEP_S, ChannelSnapshots
+from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots
 from gnuradio.wiforce.io.capture.names import is_snapshots
 from gnuradio.wiforce.io.capture.samples import likely_datatype
 from gnuradio.wiforce.io.csi_tools import tool_of
@@ -98,17 +98,11 @@ def _timing(recording):
     grid = next(
         (s for s in _GRIDS_S if np.all(np.abs(stamps / s - np.rint(stamps / s)) < 1e-3)), 0.0
     )
-    # Only whole readings: the end of a file is none, nor is a gap that is assumed.
-    readings = int(stamps[-1] // _READING_S)
-    counts = np.bincount((stamps / _READING_S).astype(int), minlength=readings)[:readings]
-    assumed = recording.clock_steps * int(CLOCK_STEP_S / _READING_S)
-    few = np.count_nonzero(counts < np.median(counts[counts > 0]) / 2) if readings else 0
     return {
         "packets_per_s": len(steps) / max(received_s, 1e-9),
         "median_interval_s": median,
         "gaps": len(gaps),
         "longest_gap_s": float(steps.max()),
-        "few_packets": max(few - assumed, 0) / max(readings - assumed, 1),
         "clock_steps": recording.clock_steps,
         "rounded_to_s": grid,
     }
@@ -183,12 +177,6 @@ def _snapshot_advice(found):
         )
     if timing["clock_steps"]:
         yield "the card's clock stepped back: record again, or read either part alone"
-    if timing["few_packets"]:
-        yield (
-            f"packets come unevenly: {100 * timing['few_packets']:.0f} % of readings of "
-            f"{_READING_S:g} s would hold fewer than half of the usual number, which are flagged "
-            "`gap`; send them at a constant rate"
-        )
     if timing["packets_per_s"] < 100:
         yield f"send more packets: {timing['packets_per_s']:.0f} per second need long readings"
     if min(antennas["level_db"]) < -20:
@@ -242,14 +230,6 @@ def _gaps(timing):
     return words
 
 
-_TOOLS = {
-    "intel": "Linux 802.11n CSI Tool (Intel 5300)",
-    "atheros": "Atheros CSI Tool",
-    "esp32": "ESP32",
-    "nexmon": "nexmon_csi",
-}
-
-
 def check_file(path, scene_path, datatype, csi):
     """What a file of any kind is, and the same for a terminal; the options say what it may be."""
     if datatype is None and csi is None and _is_raw(path):
@@ -278,5 +258,4 @@ def _kind(path, csi):
     tool = (csi or {}).get("tool") or tool_of(path)
     if tool is None:
         return "channel snapshots (.npz)"
-    name, *settings = tool.split("/")
-    return " ".join(["channel snapshots of", _TOOLS[name], *settings])
+    return f"channel snapshots of {tool}"
