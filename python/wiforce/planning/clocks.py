@@ -42,30 +42,6 @@ def line_distances_hz(
     return np.maximum(np.min(np.abs(ours - others) - wander, axis=-1), 0.0)
 
 
-def most_that_fit(conflicts: np.ndarray, free: np.ndarray, enough: float = np.inf) -> int:
-    """How many free clocks of one octave, a circle, fit at most without ``conflicts`` (C, C).
-
-    Where ``enough`` fit, more are not looked for.
-    """
-    if not free.any():
-        return 0
-    size, first = len(free), int(np.argmax(free))
-    # Whatever the best choice is, it has a clock that conflicts with the first free one or is it.
-    starts = np.flatnonzero(free & (conflicts[first] | (np.arange(size) == first)))
-    around, fitting = np.concatenate([free, free]), ~np.hstack([conflicts, conflicts])
-    most = 0
-    for start in starts.tolist():
-        turn = slice(start, start + size)
-        left, count = around[turn], 0
-        while left.any():
-            left = left & fitting[(start + np.argmax(left)) % size, turn]
-            count += 1
-        most = max(most, count)
-        if most >= enough:
-            break
-    return most
-
-
 # An end that loses more than half its information to its neighbours, or to aliases, is not
 # readable.
 WORST_LOSS_DB = 3.0
@@ -236,13 +212,13 @@ def propose_clocks(
     the result). At the worst errors lines 1, 2 and 4 of tags are two bins apart, 1.5 or one where
     nothing else fits; an InputError says how many do.
     """
-    search = Search(settings, tolerance_ppm, mains_hz, near_hz, avoid_hz)
+    search = _Search(settings, tolerance_ppm, mains_hz, near_hz, avoid_hz)
     found = search.best(count)
     if found is None:
         fitting = bisect_left(range(1, count), True, key=lambda n: search.best(n) is None)
         beside = "beside these clocks " if settings.clocks else ""
         rule = (
-            f"must be at most {fitting}: no more tags fit {beside}with lines 1, 2 and 4 one bin "
+            f"must be at most {fitting}: no more are found {beside}with lines 1, 2 and 4 one bin "
             f"({search.bin_hz:.3g} Hz) apart and every end readable; longer phase groups have "
             "smaller bins"
         )
@@ -311,7 +287,7 @@ def _lamp_distances_hz(
     return np.array([lamp_distances_hz(hz, mains_hz).min() for hz in clocks_hz])
 
 
-class Search:
+class _Search:
     """Chooses clocks that fit together, and beside those of a plan, from candidates."""
 
     def __init__(
@@ -327,11 +303,9 @@ class Search:
         found = _candidates(settings, self.bin_hz, tolerance_ppm, near_hz)
         apart_hz = np.multiply.outer(found, STRONG_LINES)[..., None] - np.asarray(avoid_hz)
         found = found[np.abs(apart_hz).min(axis=(1, 2), initial=np.inf) >= self.bin_hz]
-        self.candidates, self._clocks = found, np.r_[found, settings.clocks_hz]
+        self._grid, self._clocks = found, np.r_[found, settings.clocks_hz]
         self._distances_hz = line_distances_hz(found[:, None], self._clocks, tolerance_ppm)
         self._lamps_hz = _lamp_distances_hz(found, mains_hz)
-        # The highest octave, where most fit.
-        self._octave = np.flatnonzero(found > found.max(initial=0) / 2)
 
     @cached_property
     def _gram(self) -> np.ndarray:
@@ -364,24 +338,14 @@ class Search:
                 return self._clocks[best].tolist()
         return None
 
-    def constraints(self, distance_hz: float) -> tuple[np.ndarray, np.ndarray]:
-        """Which candidates are too near to each other, and which are not to those in use."""
-        conflicts = self._distances_hz < distance_hz
-        count = len(self.candidates)
-        return conflicts[:, :count], ~conflicts[:, count:].any(axis=1)
-
-    def packed(self, conflicts: np.ndarray, free: np.ndarray, enough: float = np.inf) -> int:
-        """Free candidates of the highest octave without a conflict, at most or ``enough``."""
-        octave = self._octave
-        return most_that_fit(conflicts[np.ix_(octave, octave)], free[octave], enough)
-
     def _readable(self, count: int, distance_hz: float) -> list[int] | None:
         """``count`` candidates with which all ends are readable; None where none are found."""
-        conflicts, free = self.constraints(distance_hz)
+        conflicts = self._distances_hz < distance_hz
+        # Those in use are behind the candidates.
+        others = len(self._grid)
+        conflicts, free = conflicts[:, :others], ~conflicts[:, others:].any(axis=1)
         settings = self._settings
         for _ in range(_ATTEMPTS):
-            if self.packed(conflicts, free, count) < count:
-                return None
             chosen = self._fill(count, conflicts, free)
             if chosen is None:
                 return None
@@ -405,17 +369,14 @@ class Search:
         near_hz = [*self._near_hz]
         while len(chosen) < count:
             possible = np.flatnonzero(free)
-            apart_hz = np.abs(np.subtract.outer(self.candidates[possible], near_hz))
+            apart_hz = np.abs(np.subtract.outer(self._grid[possible], near_hz))
             moved_hz = apart_hz.min(axis=1, initial=np.inf)
             for best in possible[self._ranked(chosen, possible, moved_hz)].tolist():
-                rest = free & ~conflicts[best]
-                others = count - len(chosen) - 1
-                fits = self.packed(conflicts, rest, others) >= others
-                if fits and self._separable([*chosen, best]):
+                if self._separable([*chosen, best]):
                     break
             else:
                 return None
-            free = rest
+            free = free & ~conflicts[best]
             chosen.append(best)
             if near_hz:
                 near_hz.remove(min(near_hz, key=lambda hz: abs(hz - self._clocks[best])))
@@ -430,7 +391,7 @@ class Search:
         """
         if not len(possible):
             return possible
-        beside = [*range(len(self.candidates), len(self._clocks)), *chosen]
+        beside = [*range(len(self._grid), len(self._clocks)), *chosen]
         tags = np.column_stack([np.tile(beside, (len(possible), 1)), possible]).astype(int)
         ends = (2 * tags[:, :, None] + np.arange(2)).reshape(len(possible), -1)
         found = variances(self._gram[:, ends[:, :, None], ends[:, None, :]])
