@@ -10,11 +10,11 @@ from gnuradio.wiforce.estimation.clocks.likelihood import (
     evaluate,
     turned_by,
 )
-from gnuradio.wiforce.estimation.clocks.tracked_tag import ClockTracker, TagClock, likelihood_bias
+from gnuradio.wiforce.estimation.clocks.tracked_tag import ClockTracker
 from gnuradio.wiforce.signal.switching import harmonics
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.truth import read_truth
-from gnuradio.wiforce.wiforce_kernels import end_fit, phase_errors, phase_information
+from gnuradio.wiforce.wiforce_kernels import phase_errors
 from long_cases import cases
 from plain import (
     TA,
@@ -23,7 +23,6 @@ from plain import (
     errors_deg,
     make_air,
     make_plan,
-    normal,
     random_tag,
     run_chain,
     stated_deg,
@@ -85,28 +84,6 @@ def test_likelihood_equals_the_energy_explained_by_both_waveforms(table, delay):
             fitted = lines @ np.linalg.lstsq(lines, scaled, rcond=None)[0]
             expected += np.sum(np.abs(fitted) ** 2) / noise[k]
         assert evaluate(turned_by(coefficients, phase))[0] == pytest.approx(expected, rel=1e-9)
-
-
-def test_likelihood_slope_and_curvature_are_its_derivatives(table, likelihood):
-    rng = np.random.default_rng(2)
-    tones = rng.standard_normal((len(table.tones), 5)) + 1j * rng.standard_normal(5)
-    q = likelihood.coefficients(likelihood.covariance(tones, np.ones(5)))
-    step = 1e-4
-    lower, middle, upper = (evaluate(turned_by(q, 0.7 + move)) for move in (-step, 0, step))
-    # Differences of a polynomial of degree 16: relative errors (16 step)^2 / 6.
-    assert middle[1] == pytest.approx((upper[0] - lower[0]) / (2 * step), rel=1e-5)
-    assert middle[2] == pytest.approx((upper[1] - lower[1]) / (2 * step), rel=1e-5)
-
-
-def test_likelihood_slope_variance_equals_the_stated_one(table, likelihood):
-    rng = np.random.default_rng(3)
-    slopes = []
-    for _ in range(400):
-        snapshots = rng.standard_normal((625, 8)) + 1j * rng.standard_normal((625, 8))
-        covariance = likelihood.covariance(table.weights @ snapshots, np.full(8, 2.0))
-        slopes.append(evaluate(likelihood.coefficients(covariance))[1])
-    # The variance of 400 draws is known to 7 %.
-    assert np.var(slopes) == pytest.approx(8 * likelihood.noise_variance, rel=0.25)
 
 
 @pytest.mark.parametrize("offset_ppm", [-100, -37, 0, 100])
@@ -266,36 +243,6 @@ def test_clock_that_wanders_as_those_of_switches_gives_no_wrong_reading(wander_p
     assert (np.abs(read["force_n"] - true_n) < 4 * read["force_std_n"]).all()
 
 
-def test_phase_information_equals_that_of_joint_least_squares():
-    """Against differences of what is left when the ends are solved anew at other phases."""
-    rng = np.random.default_rng(1)
-    mixing, slopes = rng.standard_normal((2, 14, 4)) / np.sqrt(2)
-    inverse_noise = 1e4 * rng.uniform(0.5, 2, 6)
-    tones = mixing @ normal(rng, 4, 6) + 1e-2 * normal(rng, 14, 6)
-
-    def cost(phases):
-        turned = mixing + slopes * np.repeat(phases, 2)
-        residual = tones - turned @ np.linalg.pinv(turned) @ tones
-        return float(np.sum(np.abs(residual) ** 2 @ inverse_noise))
-
-    fit = end_fit(np.hstack([mixing, slopes])[None], tones[None])
-    of_groups = phase_information(fit, inverse_noise)
-    gradient, information, excess = (each[0] for each in of_groups)
-    step = 1e-5
-    for tag in range(2):
-        turn = step * np.eye(2)[tag]
-        slope = (cost(turn) - cost(-turn)) / (2 * step)
-        assert gradient[tag] == pytest.approx(-slope, rel=1e-4)
-    # of the information noise makes a hundred-thousandth: the curvature is that of the cost
-    at_best = phase_errors(gradient, information, excess)[0]
-    assert cost(at_best) < cost(np.zeros(2))
-    both = information + np.diag(excess)
-    for a, b in ((0, 0), (0, 1), (1, 1)):
-        step, (i, j) = 1e-3, np.eye(2)[[a, b]]
-        curved = sum(s * t * cost(step * (s * i + t * j)) for s in (1, -1) for t in (1, -1))
-        assert both[a, b] == pytest.approx(curved / (4 * step**2), rel=0.05)
-
-
 def test_phase_errors_are_the_step_and_its_variance_by_the_pseudo_inverse():
     """Of phases that the ends of two tags on one clock share, only the sum is known."""
     rng = np.random.default_rng(2)
@@ -316,24 +263,6 @@ def test_phase_errors_without_information_are_zero():
     assert np.all(errors == 0) and np.all(np.isinf(variances))
     errors, variances = phase_errors(np.array([2.0, 3.0]), np.diag([4.0, 9.0]), np.zeros(2))
     assert errors == pytest.approx([1 / 2, 1 / 3]) and variances == pytest.approx([1 / 4, 1 / 9])
-
-
-@pytest.mark.parametrize(
-    "clocks_hz, group_length, least_deg, most_deg",
-    [
-        ((1000.0,), 625, 0.0, 0.05),  # whole periods
-        ((1000.0,), 125, 0.3, 1.0),
-        ((1000.0, 1335.71), 625, 3.0, 8.0),  # line 14 aliases 3 Hz beside line 1
-    ],
-)
-def test_likelihood_bias_is_predicted_from_the_weights(
-    clocks_hz, group_length, least_deg, most_deg
-):
-    plan = make_plan(clocks_hz, group_length=group_length)
-    tag, clock = len(clocks_hz) - 1, TagClock(clocks_hz[-1])
-    likelihood = PhaseLikelihood(plan.table, tag, clock.clock_hz * TA)
-    bias_deg = np.degrees(likelihood_bias(plan.table, likelihood, clock, TA))
-    assert least_deg <= bias_deg <= most_deg
 
 
 @pytest.mark.parametrize("clocks_hz", [(1000.0, 1002.58), (1000.0, 502.19), (1000.0, 1335.71)])

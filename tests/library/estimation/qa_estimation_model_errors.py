@@ -144,19 +144,6 @@ def test_compressed_tag_is_read_with_its_phase(share, offset, before):
     )
 
 
-def test_compression_image_equals_third_order_product():
-    """Held to the product of time samples, sample by sample."""
-    rng = np.random.default_rng(11)
-    symbol, channel = normal(rng, 64), normal(rng, 62)
-    bins, factors = WAVEFORM.bins, WAVEFORM.equalizer()[WAVEFORM.bins]
-    spectrum = np.zeros(64, complex)
-    spectrum[bins] = channel / factors
-    product = -0.02 * symbol**2 * np.fft.ifft(spectrum).conj()
-    expected = np.fft.fft(product)[bins] * factors
-    found = Compression(symbol, -0.02, WAVEFORM, 0.0).image(channel)
-    np.testing.assert_allclose(found, expected, atol=1e-12)
-
-
 @pytest.mark.parametrize(
     "clock_hz, snapshots, band_hz",
     [(1000.0, 625, 250.0), (1000.0, 250, 30.0), (1000.0, 125, 0.0), (400.0, 625, 0.0)],

@@ -28,12 +28,6 @@ def test_correction_undoes_the_off_state(off):
     assert np.all((phases > -180) & (phases <= 180))
 
 
-def test_switches_may_differ():
-    ratios = np.array([ratio(75.0, 10.0, 0.2), ratio(-60.0, 20.0, -0.3j)])
-    phases, _ = corrected_phase_deg(ratios, (10.0, 20.0), (0.2, -0.3j))
-    assert phases == pytest.approx([75.0, -60.0])
-
-
 def test_slope_says_how_much_a_phase_error_counts():
     ratios, step = np.array([ratio(75.0, 10.0, 0.3), ratio(-170.0, 10.0, 0.3)]), 1e-4
     _, slope = corrected_phase_deg(ratios, (10.0, 10.0), 0.3)

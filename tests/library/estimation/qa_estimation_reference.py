@@ -3,7 +3,6 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.reference import ConjugateDifference, SubcarrierAverage
 from long_cases import cases
@@ -97,53 +96,6 @@ def test_reference_after_a_tare_is_not_late():
     groups = [group_of(g, 1.0, [1e-6, np.inf if g < 3 else 1e-6]) for g in range(10)]
     late = averaged(groups, ConjugateDifference(2, 2), tare_at=6).late_reference.tolist()
     assert late == [[False, True]] * 8 + [[False, False]] * 2
-
-
-def test_reference_that_is_discarded_leaves_the_former_one():
-    channel = normal(np.random.default_rng(3), 2, K)
-    turned = channel * np.exp(1j * np.radians(30.0))
-    groups = [group_of(g, turned if g >= 4 else channel, [1e-9, 1e-9]) for g in range(10)]
-    difference = ConjugateDifference(2, 2)
-    before = averaged(groups[:7], difference, tare_at=6)
-    assert difference.completes(8) and not difference.completes(7)
-    difference.discard()
-    results = Groups.concatenate([before, averaged(groups[7:], difference)])
-    assert angles_of(results) == pytest.approx([0] * 4 + [30] * 6, abs=1e-6)
-    assert np.flatnonzero(results.new_reference).tolist() == [0]
-
-
-def test_reference_of_an_end_that_is_not_received_survives_a_tare():
-    """A tag that is off during a tare must not lose its reference."""
-    channel = normal(np.random.default_rng(3), 2, K)
-    turned = channel * np.exp(1j * np.radians(30.0))
-    groups = [
-        group_of(g, turned if g >= 4 else channel, [1e-9, np.inf if 5 <= g < 9 else 1e-9])
-        for g in range(12)
-    ]
-    results = averaged(groups, ConjugateDifference(2, 2), tare_at=6)
-    assert angles_of(results, 0)[8:] == pytest.approx([0] * 4, abs=1e-6)
-    assert angles_of(results, 1)[9:] == pytest.approx([30] * 3, abs=1e-6)
-    assert not results.late_reference.any()
-
-
-def test_reference_previous_group_gives_steps_across_a_lost_group():
-    rng = np.random.default_rng(4)
-    channel = normal(rng, 2, K)
-    groups = [
-        group_of(g, channel * turn * (g != 3), [np.inf if g == 3 else 1e-9] * 2)
-        for g, turn in enumerate(np.exp(1j * np.radians([0.0, 10.0, 25.0, 25.0, 40.0])))
-    ]
-    angles = angles_of(averaged(groups, ConjugateDifference(2, 1, "previous")))
-    assert angles == pytest.approx([0, 10, 15, 0, 15], abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    "arguments, message",
-    [((2, 0), "reference_groups: must be at least 1"), ((2, 1, "first"), "against")],
-)
-def test_reference_invalid_setting_is_refused(arguments, message):
-    with pytest.raises(InputError, match=message):
-        ConjugateDifference(*arguments)
 
 
 @pytest.mark.parametrize(

@@ -43,10 +43,6 @@ def test_groups_concatenated_are_the_groups_that_were_cut():
     assert joined.ends is None
 
 
-def test_groups_concatenated_without_snapshot_weights_have_none():
-    assert Groups.concatenate([batch(0, 2), batch(2, 3)]).snapshot_weights is None
-
-
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_groups_concatenated_complete_groups_weigh_every_snapshot(order):
     """An incomplete group in one batch must not make those of another incomplete."""
@@ -75,19 +71,3 @@ def test_groups_concatenated_empty_batches_are_omitted():
     joined = Groups.concatenate([empty, known, empty, known[:1]])
     assert joined.ratios.shape == (3, 2)
     assert len(Groups.concatenate([empty, empty])) == len(Groups.concatenate([])) == 0
-
-
-def test_groups_having_other_arrays_leave_the_groups_they_came_from():
-    before = batch(0, 2)
-    after = before.having(tones=None, ratios=np.ones((2, 2)))
-    assert after.tones is None and after.ratios.shape == (2, 2)
-    assert before.tones is not None and before.ratios is None
-    assert after.index is before.index
-
-
-def test_groups_indexed_and_iterated_give_batches_of_one():
-    whole = batch(10, 3)
-    assert [group.index.tolist() for group in whole] == [[10], [11], [12]]
-    assert whole[-1].tones.shape == (1, 4, 3) and whole[np.int64(1)].index.tolist() == [11]
-    with pytest.raises(IndexError, match="group 3 of a batch of 3"):
-        whole[3]

@@ -15,19 +15,11 @@ from card_rooms import (
     scene_of,
 )
 from gnuradio import wiforce
-from gnuradio.wiforce.estimation.capture.folded_groups import ratio_noise
 from gnuradio.wiforce.estimation.packets.antenna_states import (
     LEAST_STEP,
     AntennaStates,
-    _Mixture,
     find_states,
     find_states_beside_tags,
-)
-from gnuradio.wiforce.estimation.packets.packet_channels import (
-    DividedPackets,
-    PacketChannels,
-    rotation_std_deg,
-    shared_noise,
 )
 from gnuradio.wiforce.estimation.packets.packet_survey import (
     find_tag,
@@ -38,7 +30,6 @@ from gnuradio.wiforce.estimation.packets.tag_parts import _Solution
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
-from gnuradio.wiforce.signal.timed_weights import timed_table
 from long_cases import cases
 from packet_simulator import PacketCapture, PacketTag, card_settings
 
@@ -59,24 +50,6 @@ def test_wander_between_antennas_costs_little_of_what_subcarriers_tell(seed, tmp
     error_n = (clear["force_n"] - FORCE_N).abs()
     assert len(clear) >= 0.75 * len(steady)
     assert error_n.max() < 0.4 and (error_n / clear["force_std_n"]).max() < 3
-
-
-def test_noise_that_subcarriers_share_is_removed_and_other_noise_is_kept():
-    """A tag along the shared direction would be lost where nothing is shared."""
-    rng = np.random.default_rng(3)
-    times_s = np.arange(4000) * 1e-3
-    state, known = np.zeros(len(times_s), int), np.ones(len(times_s), bool)
-    table = timed_table([120.0], times_s[:200] - 0.1, 0.2)
-    shared = rng.normal(size=(16, 2)) @ [1, 1j]
-    noise = rng.normal(size=(len(times_s), 16, 2)) @ [1, 1j]
-    for size, factor in ((0.0, 1.0), (3.0, 1 / np.sqrt(1 + 9 * np.sum(np.abs(shared) ** 2)))):
-        wander = size * (rng.normal(size=(len(times_s), 2)) @ [1, 1j])
-        static = noise + np.multiply.outer(wander, shared)
-        packets = DividedPackets(shared[None], shared[None], static, static.real, state)
-        found = shared_noise(packets, shared[:, None], known, times_s, table)
-        white = found.removed(packets)
-        # Of 20 groups, in which the loud half counts as the median one.
-        assert white.combined[0] == pytest.approx(factor * shared, rel=0.25)
 
 
 STEADY = {"chain_states": (), "drift_deg": 0.0, "ripple": 0.0, "subcarriers": 26}
@@ -198,25 +171,6 @@ def test_states_of_the_chains_hold_no_tag_and_no_room():
     assert find_states(changed.channel, changed.subcarrier_hz, LEAST_STEP).count == 1
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_states_of_packets_are_found_beside_a_tag_that_is_not_known(seed):
-    """Of a closed end all packets were taken to one state, and the tag was off by the step between
-    the states: forces by .5 N. A few packets that are far from all states did the same.
-    """
-    rng = np.random.default_rng(seed)
-    means = np.exp(2j * np.pi * rng.random(12)) * np.array([[1.0], [1.12]])
-    label, end = (rng.random(120) < 0.28).astype(int), rng.integers(0, 4, 120)
-    closed = np.eye(4)[end][:, :2]
-    tag = 0.3 * np.exp(2j * np.pi * rng.random((2, 12)))
-    noise = 0.03 * (rng.normal(size=(600, 12, 2)) @ [1, 1j])
-    against = means[label] + closed @ tag + noise[:120]
-    far = np.arange(120) % 30 == 0
-    against[far] += 0.5 * means[0]
-    mixture = _Mixture(means, noise[120:], np.array([0.72, 0.28]))
-    found = mixture.states(against, closed, 1.0)
-    assert np.array_equal(found[~far], label[~far])
-
-
 def test_states_are_flat_factors_and_found_while_switches_are_open():
     """A tag was taken for a state, and readings were of what remained of it."""
     rng = np.random.default_rng(1)
@@ -313,17 +267,6 @@ def test_simulated_antennas_wander_against_each_other_on_all_subcarriers(tmp_pat
         assert after == pytest.approx(np.exp(-0.2 * np.pi), abs=0.05)
 
 
-def test_packet_channels_of_a_still_room_hold_nothing_but_static_paths():
-    """Oscillator phases and a flip between antennas are divided out to rounding errors."""
-    rng = np.random.default_rng(1)
-    room = rng.standard_normal((16, 2, 2)) @ np.array([1, 1j])
-    received = np.exp(2j * np.pi * rng.random(400))[:, None, None] * room
-    received[100:150, :, 1] *= -1
-    time_s, hertz = 0.001 * np.arange(400), 312.5e3 * np.arange(16)
-    channels = PacketChannels(received, time_s, time_s < 0.2, hertz, 0.1)
-    assert np.abs(channels.divide().combined).max() < 1e-6
-
-
 def test_packet_survey_finds_snr_phases_and_the_clock_of_a_tag():
     rng = np.random.default_rng(1)
     one, states = np.ones((400, 8, 2), complex), AntennaStates(np.zeros(400, int), 0)
@@ -339,9 +282,3 @@ def test_packet_survey_finds_snr_phases_and_the_clock_of_a_tag():
     found = find_tag(channel, time_s, AntennaStates(np.zeros(2000, int), 0))
     # Within a bin, the inverse of two seconds.
     assert found is not None and found.clock_hz == pytest.approx(120, abs=0.5)
-
-
-def test_ratio_of_antennas_has_the_noise_of_both():
-    ones, noise = np.ones((1, 64)), np.array([[0.1, 0.2]])
-    assert ratio_noise((ones, 2 * ones), (noise, 4 * noise), ones / 2) == pytest.approx(noise / 2)
-    assert rotation_std_deg(np.array([0.0, 1e-6, 1e-3]), 1)[:2].tolist() == [0.0, 0.0]

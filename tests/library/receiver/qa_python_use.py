@@ -67,15 +67,6 @@ def test_plot_shows_frames_and_truth(folder, readings):
     assert bars.lines[0].get_ydata().tolist() == shown["force_n"].fillna(0).tolist()
 
 
-def test_plot_takes_a_file_of_readings(folder, readings):
-    """Fields of readings without flags are empty, which pandas reads as NaN."""
-    readings.drop(columns="ok").to_csv(folder / "saved.csv", index=False)
-    axes = wiforce.plot(pandas.read_csv(folder / "saved.csv"), length_mm=80.0)
-    (bars,) = axes[0].containers
-    shown = readings[readings["ok"] & readings["touch"].notna()]
-    assert len(bars.lines[0].get_ydata()) == len(shown)
-
-
 def test_plot_of_several_captures_labels_each(folder):
     axes = wiforce.plot(wiforce.read(folder))
     labels = axes[0].get_legend_handles_labels()[1]
@@ -145,12 +136,6 @@ def test_survey_prints_what_the_command_does(folder):
 )
 def test_reading_prints_what_it_says(reading, text):
     assert str(reading) == text
-
-
-def test_plan_prints_its_expected_errors():
-    lines = str(wiforce.plan("tabletop_two")).splitlines()
-    assert len(lines) == 4 and "groups of" in lines[0] and "expected median errors" in lines[1]
-    assert all("force" in line and "mm" in line for line in lines[2:])
 
 
 def test_dir_shows_public_names_alone():

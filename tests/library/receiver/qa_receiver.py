@@ -287,15 +287,6 @@ def test_receiver_batch_that_steps_back_is_refused():
     receiver.process(groups[4:])
 
 
-def test_receiver_on_groups_sees_every_group_that_is_read():
-    plan, seen = make_plan(), []
-    receiver = Receiver(plan, derotated=False, on_groups=seen.append)
-    readings = receiver.process(recorded_groups(plan, 0, 20)) + receiver.finish()
-    groups = Groups.concatenate(seen)
-    assert groups.index.tolist() == list(range(20))
-    assert groups.phases_deg[:, 0, 0] == pytest.approx([r.phase1_deg for r in readings])
-
-
 def test_receiver_press_of_one_sensor_is_no_force_of_another(tmp_path):
     """In the group in which a tag changes, part of it lies on the lines of the others."""
     scene = wiforce.load_scene("tabletop_two").as_dict()

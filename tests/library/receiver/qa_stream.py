@@ -305,13 +305,6 @@ def test_stream_room_that_cannot_be_planned_for_is_read_with_the_present_weights
     assert all(abs(r.force_n - 4.0) < 4 * r.force_std_n for r in touched)
 
 
-def test_stream_second_survey_of_the_same_room_keeps_the_plan(groups):
-    """Weights that were as good before must not be exchanged for what noise does to a survey."""
-    reader, readings, plans = stream(wiforce.plan(SCENE), groups["busy"], TARE)
-    assert all(plan is reader.plan for plan in plans[TARE:])
-    assert_right(readings)
-
-
 def test_stream_room_that_is_quiet_again_returns_to_the_scene_s_plan(groups):
     settings = wiforce.plan(SCENE)
     received = groups["busy"][:TARE] + groups["quiet"][TARE:]

@@ -79,54 +79,6 @@ def test_levels_of_a_scene_follow_from_its_link():
     assert (stated.snr_db, stated.static_clutter_db) == (3.0, found.static_clutter_db)
 
 
-# Thickness in m, relative permittivity and conductivity in S/m at 900 MHz (IFAC, as above), from
-# the antennas to the tag.
-PHANTOM = [(0.002, 41.405, 0.867), (0.010, 5.462, 0.051), (0.025, 55.032, 0.943)]
-
-
-def loss_through_db(layers):
-    """By the input impedance behind each border, from air to air; impedances in units of air's."""
-    passed, behind = 1.0 + 0j, 1.0 + 0j
-    for thickness_m, permittivity, conductivity in reversed(layers):
-        lossy = permittivity - 1j * conductivity / (2 * np.pi * 900e6 * 8.8542e-12)
-        own = 1 / np.sqrt(lossy)
-        travel = np.exp(-2j * np.pi * thickness_m / WAVE_M / own)
-        reflected = (behind - own) / (behind + own)
-        passed *= (1 + reflected) * travel / (1 + reflected * travel**2)
-        behind = own * (1 + reflected * travel**2) / (1 - reflected * travel**2)
-    return -20 * np.log10(abs(passed * 2 * behind / (1 + behind)))
-
-
-@pytest.mark.parametrize(
-    ("name", "to_tag_m", "from_tag_m", "tag_dbi", "layers", "plate_db"),
-    [
-        ("distance_20cm", 3.8, 0.2, 0, [], 0),
-        ("distance_1m", 3.0, 1.0, 0, [], 0),
-        ("phantom", 0.5, 0.5, -17, PHANTOM, 28.5),
-        ("phantom_no_plate", 0.5, 0.5, -17, PHANTOM, 0),
-    ],
-)
-def test_scene_has_the_link_budget_that_is_written_out_here(
-    name, to_tag_m, from_tag_m, tag_dbi, layers, plate_db
-):
-    """What the scenes say of the paper's range and phantom would rest on one formula's code."""
-
-    def air_db(distance_m):
-        return 20 * np.log10(4 * np.pi * distance_m / WAVE_M)
-
-    # Switch and line, there and back: 1 dB. Line 1 of a switch that is closed for a quarter.
-    line_1 = 20 * np.log10(np.sin(np.pi / 4) / np.pi)
-    tag_path_db = air_db(to_tag_m) + air_db(from_tag_m) - 2 * tag_dbi + 1.0
-    tag_path_db += 2 * loss_through_db(layers)
-    direct_db = air_db(to_tag_m + from_tag_m) + plate_db
-    # 10 dBm; k T at 290 K and a noise figure of 6 dB in 12.5 MHz, of 256 samples 62 subcarriers.
-    noise_dbm = 10 * np.log10(1.380649e-23 * 290 * 12.5e6 * 62 / 256 / 1e-3) + 6
-    expected = [10 - tag_path_db + line_1 - noise_dbm, tag_path_db - direct_db - line_1]
-    simulation = load_scene(name).simulation
-    found = [simulation.snr_db, simulation.static_clutter_db]
-    assert found == pytest.approx(expected, abs=0.1)  # 1 dB is asked for
-
-
 def test_a_scene_with_a_link_reads_back_equal():
     scene = load_scene("phantom")
     again = load_scene(scene.as_dict())
@@ -171,5 +123,4 @@ def test_impossible_geometry_is_refused(link, message):
 
 def test_rounded_distances_of_a_tag_in_line_are_a_triangle():
     """0.1 + 0.2 is more than 0.3."""
-    for one, other, antennas in ((0.1, 0.2, 0.3), (0.1, 0.3, 0.2), (0.7, 0.1, 0.8)):
-        scene_with({"transmitter_m": one, "receiver_m": other, "antennas_m": antennas})
+    scene_with({"transmitter_m": 0.1, "receiver_m": 0.2, "antennas_m": 0.3})

@@ -88,16 +88,6 @@ def test_bound_of_one_group_equals_stated_figure(gamma_db, stated_deg):
     assert bound == pytest.approx([stated_deg] * 2, rel=0.05)
 
 
-def test_bound_noisy_reference_adds_its_variance():
-    ends, noise, times = np.ones((2, 4), complex), np.ones(4), np.arange(625) * T
-    alone, twelve, one = (
-        phase_bound_deg(ends, noise, [(1000.0, 0.2)], times, TA, reference_groups=r)
-        for r in (np.inf, 12, 1)
-    )
-    assert twelve == pytest.approx(alone * np.sqrt(13 / 12))
-    assert one == pytest.approx(alone * np.sqrt(2))
-
-
 def test_bound_gaps_and_clutter_raise_it():
     ends, noise, times = np.ones((2, 4), complex), np.ones(4), np.arange(625) * T
     arguments = (ends, noise, [(1000.0, 0.2)], times, TA)

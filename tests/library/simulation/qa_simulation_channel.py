@@ -4,11 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.simulation.channel import AirChannel
-from gnuradio.wiforce.simulation.paths import delay_taps, response, tag_taps
-from gnuradio.wiforce.simulation.radio import Adc
-from gnuradio.wiforce.simulation.random_sources import Fir
 from gnuradio.wiforce.simulation.tag import SWITCHES, switch_states
 
 TA = 256 / 12.5e6
@@ -79,23 +75,6 @@ def test_channel_tag_spectrum_equals_analytic_harmonics(untouched_run, m):
     assert abs(np.angle(seen, deg=True)) < 0.5
 
 
-def test_channel_unrelated_clocks_intermodulate():
-    """Lines at sums and differences of 1.0 and 1.4 kHz: power that no clock of the tag explains."""
-    quiet = {}
-    for duty in ("two_frequencies", "pulses"):
-        one = scene(tags=[{"clock2_duty": duty}], clock_offset_ppm=0, clock_drift_ppm_per_s=0)
-        h = snapshots(AirChannel(one), one, 6945)  # 0.4 s
-        times = np.arange(len(h)) * T
-
-        def level_db(hz, h=h, times=times):
-            window = np.kaiser(len(h), 14)[:, None]
-            tone = np.exp(-2j * np.pi * hz * times)[:, None]
-            return 20 * np.log10(np.abs((h * tone * window).sum(axis=0)).mean() / window.sum())
-
-        quiet[duty] = [level_db(hz) - level_db(1000) for hz in (400, 2400)]
-    assert min(quiet["two_frequencies"]) > -10 and max(quiet["pulses"]) < -60
-
-
 def test_tag_both_switches_on_pass_through_untouched_line_only():
     press = {"start_s": 0.5, "rise_s": 0, "hold_s": 9, "force_n": 4.0, "location_mm": 33.0}
     one = scene(presses=[press], tags=[{"clock2_duty": "two_frequencies", "clock_phase_deg": 0}])
@@ -110,31 +89,6 @@ def test_tag_both_switches_on_pass_through_untouched_line_only():
             assert abs(both) == pytest.approx(2, abs=1e-5)
             echo = np.angle(state[0] * state[1]) / 2
             assert (both / 2) ** 4 == pytest.approx(np.exp(2j * echo), abs=1e-4)
-
-
-def test_channel_press_rotates_ends_by_sensor_model():
-    press = {"start_s": 0.5, "rise_s": 0, "hold_s": 9, "force_n": 4.0, "location_mm": 33.0}
-    one = scene(presses=[press])
-    channel = AirChannel(one)
-    before = snapshots(channel, one, 8125)
-    snapshots(channel, one, 1875, first=8125)
-    after = snapshots(channel, one, 8125, first=10000)
-    clock = channel.sensors["s0"].clock
-    times = np.arange(8125) * T + 191.5 / 12.5e6
-
-    def ends(h, first):
-        cycles = clock.cycles(times + first * T)[:, None]
-        p1 = (h * np.exp(-2j * np.pi * cycles)).mean(axis=0)
-        p4 = (h * np.exp(-8j * np.pi * cycles)).mean(axis=0)
-        end1 = p1 / harmonics(1)[0]
-        return end1, (p4 - harmonics(4)[0] * end1) / harmonics(4)[1]
-
-    model = one.load_model("line-900mhz")
-    expected = np.subtract(model.phases_deg(4.0, 33.0), model.untouched_deg())
-    for end in (0, 1):
-        turn = np.angle(ends(after, 10000)[end] / ends(before, 0)[end], deg=True)
-        difference = (turn - expected[end] + 180) % 360 - 180
-        assert np.abs(difference).max() < 0.1  # leakage of other lines: 468 periods, rectangular
 
 
 def test_channel_off_state_shows_while_both_switches_are_off():
@@ -316,52 +270,3 @@ def test_touch_state_tremor_has_stated_rms_at_8_to_12_hz():
     power = np.abs(np.fft.rfft(tremor)) ** 2
     hz = np.fft.rfftfreq(len(times), 0.01)
     assert power[(hz > 8) & (hz < 12)].sum() > 0.99 * power.sum()
-
-
-@pytest.mark.parametrize("delay", [2.0, 2.25, 3.7])
-def test_delay_taps_fractional_delay_rotates_subcarriers(delay):
-    waveform = sounding_waveform()
-    k = waveform.subcarriers
-    inner = np.abs(k) < 13
-    h = response(delay_taps(delay, 8 if delay > 3 else 4), waveform)
-    expected = np.exp(-2j * np.pi * k * delay / 64)
-    assert np.abs(h - expected)[inner].max() < 0.06
-
-
-def test_tag_taps_fading_has_unit_power():
-    waveform = sounding_waveform()
-    powers = np.array(
-        [
-            np.abs(response(tag_taps(np.random.default_rng(i), waveform, 2e6), waveform)) ** 2
-            for i in range(300)
-        ]
-    )
-    np.testing.assert_allclose(powers.mean(axis=1), 1, rtol=1e-9)
-    # Rayleigh: 10 % of an exponential lies below 0.105; less where the band's mean is held at 1.
-    assert 0.04 < np.mean(powers < 0.105) < 0.1
-    np.testing.assert_allclose(np.abs(response(tag_taps(None, waveform, None), waveform)), 1)
-
-
-@pytest.mark.parametrize("kind", [np.float64, np.complex128])
-def test_fir_equals_convolution(kind):
-    rng = np.random.default_rng(0)
-    taps = rng.standard_normal(6).astype(kind)
-    if kind is np.complex128:
-        taps = taps + 1j * rng.standard_normal(6)
-    sent = (rng.standard_normal(300) + 1j * rng.standard_normal(300)).astype(np.complex64)
-    out, scratch = np.empty((2, 250), np.complex64)
-    Fir(taps).apply(sent, 250, out, scratch)
-    np.testing.assert_allclose(out, np.convolve(sent, taps)[50:300], atol=3e-6)
-
-
-@pytest.mark.parametrize("bits", [2, 8, 14, 16, None])
-def test_adc_codes_are_rounded_clipped_and_left_justified(bits):
-    used = bits or 16
-    step = 2.0 ** -(used - 1)
-    values = np.array([0, step, -step, 0.4 * step, 2.0, -2.0, 0.5, -0.5])
-    codes = Adc(bits).codes(values[::2] + 1j * values[1::2])
-    shift = 2 ** (16 - used)
-    full = 2 ** (used - 1)
-    expected = [0, 1, -1, 0, full - 1, -full, full // 2, -(full // 2)]
-    assert codes.dtype == np.int16
-    np.testing.assert_array_equal(codes, np.array(expected) * shift)

@@ -3,16 +3,13 @@
 
 import numpy as np
 import pytest
-import yaml
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.frame import MARGIN, measure_levels
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.effects import Lamps, RadioNoise, Walker
+from gnuradio.wiforce.scene.effects import RadioNoise
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.simulation.channel import AirChannel
-from gnuradio.wiforce.simulation.paths import MainsLamps, Person
 from gnuradio.wiforce.simulation.radio import noise_over_static
-from gnuradio.wiforce.simulation.random_sources import Seeds
 from long_cases import cases
 
 RATE = 12.5e6
@@ -287,12 +284,6 @@ def test_check_measures_phase_noise_beside_tag_and_noise(density):
     assert clean.phase_noise_dbc_hz is None
 
 
-def test_one_synthesizer_has_no_phase_noise():
-    one = {"synthesizers": "one", "phase_noise_dbc_hz": -60, "transmitter_dbc_hz": -200}
-    h = snapshots(channel_of(False, static_clutter_db=60, radio_noise=one), 3472)
-    assert spectrum_db(h, [1500, 1000]).max() < -20
-
-
 def test_transmitter_noise_is_white_and_follows_the_static_path():
     stated = {"synthesizers": "one", "transmitter_dbc_hz": -120}
     channel = channel_of(False, static_clutter_db=60, radio_noise=stated)
@@ -323,15 +314,6 @@ def test_lamps_lines_fall_with_harmonic_number(mains_hz):
     assert spectrum_db(h, [3 * mains_hz])[0] < -40
 
 
-def test_lamps_wander_as_stated():
-    """Phase of the tenth harmonic after t: the integral of a random walk, std w t^1.5 / sqrt(3)."""
-    turns = []
-    for seed in range(40):
-        lamps = MainsLamps(Lamps(wander_hz_per_sqrt_s=0.06), Seeds(seed, "lamps"))
-        turns.append(2 * lamps._wander.integral(2.0))
-    assert np.std(turns) == pytest.approx(2 * 0.06 * 2**1.5 / np.sqrt(3), rel=0.25)
-
-
 def test_fan_lines_lie_at_multiples_of_blade_frequency_up_to_tips():
     stated = {"blade_hz": 40, "highest_hz": 200, "level_db": 20}
     h = snapshots(channel_of(False, fan=stated), 6510)  # 0.375 s
@@ -343,25 +325,6 @@ def test_fan_lines_lie_at_multiples_of_blade_frequency_up_to_tips():
     inside = np.abs(np.arange(-10, 11)) <= 5
     assert power[~inside].sum() < 0.05 * power.sum()  # the tips reach 200 Hz
     assert power[inside & (np.abs(np.arange(-10, 11)) > 2)].sum() > 0.2 * power.sum()
-
-
-def test_walker_walks_stops_and_swings_limbs():
-    """Steady movers hide what a start or a stop does to readings."""
-    person = Person(Walker(walking_share=0.6, walk_s=2.0), 900e6, Seeds(3, "walker"))
-    times = np.arange(0, 400, 2e-3)
-    walks = np.diff(person.way(times), prepend=0.0) != 0
-    assert walks.mean() == pytest.approx(0.6, abs=0.05)
-    assert 200 < 2 * np.sum(np.diff(walks.astype(int)) == 1) < 260  # starts and stops
-    trunk, leg = (
-        np.diff(np.unwrap(np.angle(person.limbs[i].gain(times)))) / (2 * np.pi * 2e-3)
-        for i in (0, 1)
-    )
-    still = ~walks[1:] & ~walks[:-1]
-    assert np.abs(leg[still]).max() < 0.1  # breathing
-    assert 9 < np.abs(trunk).max() < 10.2 and 25 < np.abs(leg).max() < 30.2
-    steady = np.abs(trunk) > 6
-    assert 0.2 < np.mean(np.abs(leg[steady]) < 5) < 0.6  # a foot rests in every step
-    assert trunk.min() < -8 and trunk.max() > 8  # to and fro
 
 
 def test_walker_has_stated_level():
@@ -389,30 +352,3 @@ def test_other_tag_has_own_line_level_and_delay():
     turns = np.unwrap(np.angle(other / ours))[20:42] / (2 * np.pi)
     slope = np.polyfit(np.r_[-11:0, 1:12] / 64 * RATE, turns, 1)[0]
     assert -slope == pytest.approx(80e-9, rel=0.05)
-
-
-ROOMS = {
-    "office_wifi": {"bursts"},
-    "workshop_lamps": {"lamps", "ripple"},
-    "cheap_tag": {"clock_wander_ppm_per_sqrt_s", "clock_period_jitter_s", "clock2_duty_error"},
-    "uncalibrated_radio": {"front_end"},
-    "warm_day": {"drift_deg_per_sqrt_s", "beam", "hand"},
-    "somebody_walks": {"walker", "fan", "other_tags"},
-}
-
-
-@pytest.mark.parametrize("name", ROOMS)
-def test_room_is_undescribed_and_has_its_effects(name):
-    """A scene that stated what the reader should expect would not test whether it finds out."""
-    scene = load_scene(name)
-    assert "environment" not in yaml.safe_load(scene.path.read_text())
-    clock = scene.sensors[0].clock_hz
-    assert clock % 100 and clock % 120
-    simulation = scene.simulation
-    stated = {
-        key for part in (simulation, simulation.tags[0]) for key, x in vars(part).items() if x
-    }
-    assert ROOMS[name] <= stated
-    assert simulation.duration_s <= 4
-    received = AirChannel(scene).process(np.tile(frame(), 200), 0)
-    assert 0.4 < np.abs(received).max() < 1

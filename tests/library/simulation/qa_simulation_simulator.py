@@ -123,12 +123,6 @@ def test_simulate_float_capture_equals_scaled_codes(tmp_path):
     assert 0 < np.abs(ideal - floats).max() <= 0.51 / 8192
 
 
-def test_simulate_progress_sums_to_samples_written(tmp_path):
-    steps = []
-    simulator.simulate(short(duration_s=0.2), tmp_path / "x", progress=steps.append)
-    assert len(steps) > 1 and sum(steps) == codes_of(tmp_path / "x").size // 2
-
-
 def test_simulate_failing_midway_leaves_no_files(tmp_path):
     def fail(_):
         raise KeyboardInterrupt
@@ -259,34 +253,3 @@ def test_shipped_scenes_are_readable_with_their_model(name):
         found = sensors[press.sensor].load_model(scene).invert(phases, std_deg=0.1)
         assert np.median(np.abs(found.force_n - forces)) < 0.12
         assert np.median(np.abs(found.location_mm - press.location_mm)) < 0.15
-
-
-def pressed_in(name):
-    """What the reader of a shipped scene makes of its presses where the phases are right."""
-    scene = load_scene(name)
-    truth, model = (
-        scene.load_model(n) for n in (scene.simulation.tags[0].truth_model, scene.sensors[0].model)
-    )
-    presses = scene.simulation.presses
-    forces = np.array([f for p in presses for f in np.linspace(p.force_n, p.end_force_n, 5)])
-    places = np.array([p.location_mm for p in presses for _ in range(5)])
-    return forces, places, model.invert(truth.phases_deg(forces, places), std_deg=0.1)
-
-
-def test_plain_trace_gives_location_and_flags_force():
-    _, places, found = pressed_in("plain_trace")
-    assert np.abs(found.location_mm - places).max() < 0.1
-    assert found.force_std_n.min() > 1.5  # the reading is flagged weak
-    # Away from the middle the two phases differ enough to show that the force is unobservable.
-    assert sum("force-unobservable" in flags for flags in found.flags) >= len(found.flags) / 2
-
-
-def test_fingertip_gives_location_and_excess_force_or_flag():
-    forces, places, found = pressed_in("fingertip")
-    assert np.abs(found.location_mm - places).max() < 0.5
-    assert np.all(found.force_n >= forces - 0.05) and np.all(found.force_n < 1.35 * forces)
-    forces, places, found = pressed_in("fingertip_on_points")
-    assert np.abs(found.location_mm - places).max() < 1.5
-    wrong = np.abs(found.force_n - forces) > 3
-    assert wrong.sum() >= 5
-    assert all(flags for flags, bad in zip(found.flags, wrong, strict=True) if bad)
