@@ -34,7 +34,6 @@ drift_bank drift_bank::learning(double scale)
     bank.d_count = most_rates;
     bank.d_scale = scale;
     bank.d_weight.fill(1.0 / most_rates);
-    bank.find_usual_rate();
     return bank;
 }
 
@@ -86,6 +85,7 @@ void drift_bank::predict(double seconds)
         d_variance[i] += walks;
         d_with[i] += walks / 2;
     }
+    find_usual_rate();
     summarize();
 }
 
@@ -101,7 +101,6 @@ void drift_bank::merge(const drift_bank& other, double share)
     }
     d_carried += share * (other.d_carried - d_carried);
     d_farthest2 += share * (other.d_farthest2 - d_farthest2);
-    find_usual_rate();
     summarize();
 }
 
@@ -117,7 +116,6 @@ double drift_bank::carry(drift_bank& other, double phase, double noise, double m
     }
     const double likelihood = update(phase, noise, memory);
     other.d_weight = d_weight;
-    other.find_usual_rate();
     other.summarize();
     d_carried += other.d_estimate.mean - was;
     const double farther2 = std::max(d_carried * d_carried, d_farthest2);
@@ -149,7 +147,6 @@ double drift_bank::update(double phase, double noise, double memory)
     }
     for (std::size_t i = 0; i < d_count; i++)
         d_weight[i] = std::max(d_weight[i] / kept, least_share);
-    find_usual_rate();
     summarize();
     return std::log(after) - (least + std::log(two_pi)) / 2;
 }

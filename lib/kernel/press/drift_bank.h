@@ -48,7 +48,7 @@ public:
     void merge(const drift_bank& other, double share);
 
     moments estimate() const { return d_estimate; }
-    //! Geometric mean of the rates.
+    //! Geometric mean of the rates, when it was predicted.
     double usual_rate() const { return d_usual_rate; }
 
 private:

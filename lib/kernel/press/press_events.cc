@@ -20,7 +20,9 @@ void press_filter::remain_untouched(const explanation& from, double probability)
 
 void press_filter::turn_suddenly(const explanation& from, double probability)
 {
-    auto* const next = follow(from, probability);
+    const double variance = squared(d_set.turn_deg * deg);
+    const phase_covariance turned{ variance, variance, variance };
+    auto* const next = follow(from, probability, phase_peak(turned));
     if (!next)
         return;
     next->turn.seen += sees_turns(from, from.is);
@@ -31,8 +33,7 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     next->press.motion.rest();
     begin_turn(*next);
     const auto was = next->press.motion.phase();
-    const double variance = squared(d_set.turn_deg * deg);
-    next->press.motion.widen({ variance, variance, variance });
+    next->press.motion.widen(turned);
     give(*next, follow_turn(*next, was));
 }
 
@@ -79,7 +80,7 @@ void press_filter::begin_turn(explanation& to) const
 double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
 {
     drift(to);
-    double likelihood = to.press.motion.update(d_group.phase, d_noise);
+    const double phases = to.press.motion.update(d_group.phase, d_noise);
     to.hold_level();
     const auto is = to.press.motion.phase();
     const double by = (is[0] - was[0] + is[1] - was[1]) / 2,
@@ -89,7 +90,7 @@ double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
             squared(d_set.turn_np / (d_set.turn_deg * deg) * by) *
             std::max(1.0, least_turn_s / d_elapsed_s);
     to.line.common.turn(by);
-    likelihood += update_strength(to);
+    const double likelihood = update_strength(to, phases);
     const double grown = to.press.strength.mean - before;
     to.line.amplitude.mean += grown;
     if (to.turn.by_hand)
@@ -140,7 +141,7 @@ void press_filter::release(const explanation& from, double probability)
 
 void press_filter::touch(const explanation& from, double probability, state is)
 {
-    auto* const next = follow(from, probability);
+    auto* const next = follow(from, probability, d_contact_peak);
     if (!next)
         return;
     next->is = is;
@@ -152,8 +153,11 @@ void press_filter::touch(const explanation& from, double probability, state is)
     const double spread = is == pressed ? d_set.contact_np : any_amplitude;
     if (shows_turns(*next))
         touch_with_strength(from, *next, spread);
-    else
-        give(*next, contact_phases(*next) + find_strength(*next, spread));
+    else {
+        const double phases = contact_phases(*next);
+        give(*next,
+             may_count(*next, phases) ? phases + find_strength(*next, spread) : lost);
+    }
 }
 
 // Beside a contact that the model does not contain, another one is as likely as a press.
@@ -170,7 +174,8 @@ void press_filter::move_line(const explanation& from, double probability)
 {
     if (!from.line.known)
         return;
-    auto* const next = follow(from, probability);
+    const double variance = squared(d_set.turn_deg * deg);
+    auto* const next = follow(from, probability, phase_peak({ variance, variance }));
     if (!next)
         return;
     if (from.is != untouched)
@@ -178,7 +183,6 @@ void press_filter::move_line(const explanation& from, double probability)
     next->is = untouched;
     next->turn.moved += sees_turns(from, from.state_before_change());
     move_cable(*next, next->line.amplitude);
-    const double variance = squared(d_set.turn_deg * deg);
     next->line.common.widen(variance / 2);
     next->line.difference.widen(2 * variance);
     give(*next, update_baseline(*next));
@@ -203,22 +207,23 @@ void press_filter::move_beside_press(const explanation& from, double probability
         return;
     const double variance = squared(d_set.turn_deg * deg);
     for (const pair_of_ends& ends : { pair_of_ends{ 1, 0 }, { 0, 1 }, { 1, 1 } }) {
-        auto* const next = follow(from, probability / 3);
+        const phase_covariance moved{ ends[0] * variance, ends[1] * variance };
+        auto* const next = follow(from, probability / 3, phase_peak(moved));
         if (!next)
-            return;
+            continue;
         move_cable(*next, next->press.strength);
         drift(*next);
         auto& motion = next->press.motion;
         motion.rest();
         const auto was = motion.phase();
-        motion.widen({ ends[0] * variance, ends[1] * variance, 0 });
+        motion.widen(moved);
         const double likelihood = motion.update(d_group.phase, d_noise);
         const auto is = motion.phase();
         next->line.turn({ ends[0] * (is[0] - was[0]), ends[1] * (is[1] - was[1]) });
         next->line.common.widen(d_common_noise);
         next->line.difference.widen(d_difference_noise);
         next->hold_level();
-        give(*next, likelihood + update_strength(*next));
+        give(*next, update_strength(*next, likelihood));
     }
 }
 
@@ -234,7 +239,7 @@ void press_filter::stop_changing(const explanation& from, double probability)
     drift(*next);
     const double likelihood = next->press.motion.update(d_group.phase, d_noise);
     next->hold_level();
-    give(*next, likelihood + update_strength(*next));
+    give(*next, update_strength(*next, likelihood));
 }
 
 void press_filter::hold(const explanation& from, double probability)
@@ -253,7 +258,7 @@ void press_filter::hold(const explanation& from, double probability)
     const double likelihood =
         held.carry(next->line, d_group.phase, d_noise, rate_memory());
     next->press.motion.hold(held.phase(), held.covariance());
-    give(*next, likelihood + update_strength(*next, &turned), true);
+    give(*next, update_strength(*next, likelihood, &turned), true);
 }
 
 void press_filter::change_steadily(const explanation& from,
@@ -283,11 +288,10 @@ void press_filter::change_steadily(const explanation& from,
     }
     next->press.motion.predict(d_elapsed_s);
     const auto was = from.press.motion.phase();
-    double likelihood = next->press.motion.update(d_group.phase, d_noise);
+    const double likelihood = next->press.motion.update(d_group.phase, d_noise);
     if (from.turn.goes_on)
         part_turn(*next, was, direction);
-    likelihood += update_strength(*next);
-    give(*next, likelihood);
+    give(*next, update_strength(*next, likelihood));
 }
 
 // While the tag turns and the force changes: both phases are moved by the turn alike, and
@@ -329,10 +333,10 @@ void press_filter::turn_unseen(explanation& to, double part) const
 
 void press_filter::mix(const explanation& from, double probability, double ends)
 {
-    const auto mixture = mixture_after(from, ends);
     auto* const next = follow(from, probability);
     if (!next)
         return;
+    next->mixture = mixture_after(from, ends);
     next->is = mixed;
     // A force that changes may go on through a group that is only partly received.
     if (next->press.steady)
@@ -341,8 +345,7 @@ void press_filter::mix(const explanation& from, double probability, double ends)
         lose_sight_of_hand(*next);
     else if (next->turn.goes_on)
         turn_unseen(*next, 1);
-    next->mixture = mixture;
-    give(*next, log_any_mixture + mixture.log_density);
+    give(*next, log_any_mixture + next->mixture.log_density);
 }
 
 // What this group shows between the state before and the next one.

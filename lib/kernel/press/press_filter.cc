@@ -27,23 +27,27 @@ public:
     {
         const double all = of_first + d_share * (of_second - of_first) +
                            d_share * (1 - d_share) * squared(apart);
-        d_first +=
-            std::log(all / of_first) + (of_first + squared(d_share * apart)) / all - 1;
-        d_second += std::log(all / of_second) +
-                    (of_second + squared((1 - d_share) * apart)) / all - 1;
+        d_first_wider *= all / of_first;
+        d_second_wider *= all / of_second;
+        d_first += (of_first + squared(d_share * apart)) / all - 1;
+        d_second += (of_second + squared((1 - d_share) * apart)) / all - 1;
     }
 
     //! How much of the evidence for the one that loses more of it is lost, in nats: its
     //! divergence, less what it gains of the weight of the other.
     double nats() const
     {
-        return std::max(d_first / 2 + std::log1p(-d_share),
-                        d_second / 2 + std::log(d_share));
+        return std::max(first() + std::log1p(-d_share), second() + std::log(d_share));
     }
-    double divergence() const { return std::max(d_first, d_second) / 2; }
+    double divergence() const { return std::max(first(), second()); }
 
 private:
+    double first() const { return (d_first + std::log(d_first_wider)) / 2; }
+    double second() const { return (d_second + std::log(d_second_wider)) / 2; }
+
     double d_share, d_first = 0, d_second = 0;
+    // By how much all variances together are larger.
+    double d_first_wider = 1, d_second_wider = 1;
 };
 
 // What readings cannot tell apart.
@@ -108,7 +112,7 @@ void press_filter::take(const press_observation& group)
     d_amplitude_noise = (noise[0] + noise[1]) / 4 + squared(d_set.amplitude_np) / 2;
     d_amplitude = (group.amplitude[0] + group.amplitude[1]) / 2;
     d_amplitude_difference = group.amplitude[0] - group.amplitude[1];
-    find_peak();
+    find_peaks();
     d_next.clear();
     d_best = -1e300;
     if (d_first)
@@ -139,7 +143,7 @@ void press_filter::take(const press_observation& group)
             branch(from);
         }
         from.log_weight = log_weight;
-        if (steps > 0 && may_count(from, steps)) {
+        if (steps > 0 && may_count(from, std::log(steps) + d_peak)) {
             from.log_weight = log_weight + std::log(steps);
             step_receiver(from);
             branch(from);
@@ -302,7 +306,7 @@ void press_filter::branch_touched(const explanation& from)
         change_steadily(
             from, quiet * goes_on * (1 - turns), from.press.slides, from.press.speed);
         const double each = quiet * goes_on * turns / turning_speeds;
-        if (may_count(from, each)) {
+        if (may_count(from, std::log(each) + d_peak)) {
             auto turning = from;
             turning.turn.goes_on = true;
             turning.turn.seen += sees_turns(from, from.is);

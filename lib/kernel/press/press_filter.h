@@ -130,9 +130,14 @@ private:
     mixture mixture_after(const explanation& from, double ends) const;
 
     // press_likelihood.cc: what events share.
-    void find_peak();
-    bool may_count(const explanation& from, double probability) const;
-    explanation* follow(const explanation& from, double probability);
+    void find_peaks();
+    double phase_peak(const phase_covariance& by) const;
+    bool may_count(const explanation& next, double log_phases) const;
+    explanation* follow(const explanation& from, double probability, double phase_peak);
+    explanation* follow(const explanation& from, double probability)
+    {
+        return follow(from, probability, d_peak);
+    }
     void give(explanation& next, double log_likelihood, bool lasts = false);
     void average(explanation& to, bool lasts) const;
     double step_probability() const;
@@ -158,6 +163,7 @@ private:
     double hand_variance(std::size_t speed) const;
     double find_strength(explanation& to, double spread) const;
     double update_strength(explanation& to,
+                           double log_phases,
                            const drift_bank::moments* turned = nullptr) const;
     double follow_hands(explanation& to, const drift_bank::moments* turned) const;
     double update_turn(explanation& to) const;
@@ -186,7 +192,9 @@ private:
     std::vector<explanation> d_kept, d_next;
     double d_best = 0;    // largest log weight so far
     double d_claimed = 0; // probability of what the user has said
-    double d_peak = 0;    // largest log density of a group
+    // Largest log densities of a group's phases, those of contacts, and of its
+    // amplitudes.
+    double d_peak = 0, d_contact_peak = 0, d_amplitude_peak = 0;
 
     press_observation d_group;
     bool d_first = true;        // nothing was seen before it

@@ -15,29 +15,39 @@ constexpr double least_variance = 1e-12; // of a contact's loss, Np^2
 } // namespace
 
 // No event predicts a group better than its noise, and what contacts look like, allow.
-void press_filter::find_peak()
+void press_filter::find_peaks()
 {
-    const auto [first, second, both] = d_noise;
-    d_peak = std::max(log_normal(0, d_amplitude_noise), 0.0) +
-             log_normal(0, 4 * d_amplitude_noise) +
-             std::max({ -std::log(two_pi) - std::log(first * second - both * both) / 2,
-                        log_any_phases,
-                        std::log(d_image->largest_density() + 1e-12) });
+    d_amplitude_peak = std::max(log_normal(0, d_amplitude_noise), 0.0) +
+                       log_normal(0, 4 * d_amplitude_noise);
+    d_contact_peak =
+        std::max(log_any_phases, std::log(d_image->largest_density() + 1e-12));
+    d_peak = std::max(phase_peak({}), d_contact_peak);
 }
 
-// Whether what follows with this probability may keep a weight.
-bool press_filter::may_count(const explanation& from, double probability) const
+// Largest log density of phases that an event widens by this.
+double press_filter::phase_peak(const phase_covariance& by) const
 {
-    return from.log_weight + std::log(probability) + d_peak > d_best + negligible;
+    const double first = d_noise.first + by.first, second = d_noise.second + by.second,
+                 both = d_noise.both + by.both;
+    return -std::log(two_pi) - std::log(first * second - both * both) / 2;
 }
 
-// Adds what follows, for the event to change and to give; nothing where it cannot count.
-explanation* press_filter::follow(const explanation& from, double probability)
+// Whether one may keep a weight that predicts the phases so well.
+bool press_filter::may_count(const explanation& next, double log_phases) const
 {
-    if (!may_count(from, probability))
+    return next.log_weight + log_phases + d_amplitude_peak > d_best + negligible;
+}
+
+// Adds what follows, for the event to change and to give; nothing where it cannot count,
+// as the phases are predicted no better than this.
+explanation*
+press_filter::follow(const explanation& from, double probability, double phase_peak)
+{
+    const double log_probability = std::log(probability);
+    if (!may_count(from, log_probability + phase_peak))
         return nullptr;
     auto& next = d_next.emplace_back(from);
-    next.log_weight += std::log(probability);
+    next.log_weight += log_probability;
     next.claimed = false;
     next.in_part = 0;
     return &next;
@@ -130,7 +140,7 @@ bool press_filter::step_level(explanation& to) const
     to.recount({}, { by, by });
     to.mixture = mixture;
     to.log_weight += log_step - log_normal(0, variance);
-    return may_count(to, 1);
+    return may_count(to, d_peak);
 }
 
 void press_filter::reset_baseline(explanation& to) const
@@ -154,10 +164,12 @@ double press_filter::rate_memory() const
 
 double press_filter::update_baseline(explanation& to) const
 {
-    double likelihood = to.line.update(d_group.phase, d_noise, rate_memory());
-    likelihood += update_amplitude(to, to.line.amplitude);
+    const double phases = to.line.update(d_group.phase, d_noise, rate_memory());
+    if (!may_count(to, phases))
+        return lost;
+    const double amplitudes = update_amplitude(to, to.line.amplitude);
     notice_hand(to);
-    return likelihood;
+    return phases + amplitudes;
 }
 
 // It goes on to where it presses.
@@ -266,11 +278,15 @@ bool press_filter::sees_turns(const explanation& of, state is) const
            (d_off_differ && of.line.known && (is == pressed || is == unexplained));
 }
 
-// Takes the amplitudes of a press; where it is held, both ends have turned by this.
+// Takes the amplitudes of a press whose phases are predicted so well; where it is held,
+// both ends have turned by this. Gives the log density of phases and amplitudes.
 double press_filter::update_strength(explanation& to,
+                                     double log_phases,
                                      const drift_bank::moments* turned) const
 {
-    return shows_turns(to) ? update_turn(to) : follow_hands(to, turned);
+    if (!may_count(to, log_phases))
+        return lost;
+    return log_phases + (shows_turns(to) ? update_turn(to) : follow_hands(to, turned));
 }
 
 // Amplitudes change beside a press as often as hands move beside the untouched line:
@@ -352,7 +368,7 @@ void press_filter::touch_with_strength(const explanation& from,
                             line.difference,
                             line.mean_variance + hand + squared(spread) / 2,
                             line.difference_variance + error };
-    const double likelihood = update_strength(next);
+    const double likelihood = update_turn(next);
     give(next, likelihood + contact_phases(next));
 }
 
