@@ -124,7 +124,7 @@ double drift_bank::carry(drift_bank& other, double phase, double noise, double m
     return likelihood;
 }
 
-double drift_bank::update(double phase, double noise, double memory)
+double drift_bank::update(double phase, double noise, double memory, double lowest)
 {
     double least = 1e300, after = 0, kept = 0;
     std::array<double, most_rates> square, narrowness;
@@ -139,16 +139,22 @@ double drift_bank::update(double phase, double noise, double memory)
         d_mean[i] += gain * off;
         d_variance[i] = std::max(d_variance[i] * (1 - gain), least_variance);
     }
+    auto& relative = narrowness;
     for (std::size_t i = 0; i < d_count; i++) {
-        const double relative = std::exp((least - square[i]) / 2) * narrowness[i];
-        after += d_weight[i] * relative;
-        d_weight[i] = std::pow(d_weight[i], memory) * relative;
+        relative[i] *= std::exp((least - square[i]) / 2);
+        after += d_weight[i] * relative[i];
+    }
+    const double likelihood = std::log(after) - (least + std::log(two_pi)) / 2;
+    if (likelihood < lowest)
+        return likelihood;
+    for (std::size_t i = 0; i < d_count; i++) {
+        d_weight[i] = std::pow(d_weight[i], memory) * relative[i];
         kept += d_weight[i];
     }
     for (std::size_t i = 0; i < d_count; i++)
         d_weight[i] = std::max(d_weight[i] / kept, least_share);
     summarize();
-    return std::log(after) - (least + std::log(two_pi)) / 2;
+    return likelihood;
 }
 
 void drift_bank::summarize()

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstddef>
 
 namespace gr::wiforce::kernel {
@@ -36,8 +37,8 @@ public:
     void narrow(double ratio);
     void predict(double seconds);
     //! Takes a phase; gives the log density that was expected of it. `memory` is the part
-    //! of the evidence for the rates that is kept.
-    double update(double phase, double noise, double memory);
+    //! of the evidence for the rates that is kept. What is below `lowest` is of no use.
+    double update(double phase, double noise, double memory, double lowest = -INFINITY);
 
     //! Likewise, where this phase is that of another which drifts, and of something that
     //! drifts beside it: half of what this one drifts is the other's. The share may be

@@ -88,11 +88,15 @@ pair_of_ends drifting_phases::beside(const pair_of_ends& phase) const
 
 double drifting_phases::update(const pair_of_ends& phase,
                                const phase_covariance& noise,
-                               double memory)
+                               double memory,
+                               double lowest)
 {
     const auto [mean, apart] = beside(phase);
-    return common.update(mean, of_mean(noise), memory) +
-           difference.update(apart, of_difference(noise), memory);
+    const double most = log_normal(0, of_difference(noise)),
+                 likelihood = common.update(mean, of_mean(noise), memory, lowest - most);
+    return likelihood < lowest - most
+               ? lowest
+               : likelihood + difference.update(apart, of_difference(noise), memory);
 }
 
 double drifting_phases::carry(drifting_phases& line,

@@ -62,9 +62,12 @@ struct drifting_phases {
     void predict(double seconds);
     //! By how much they drift in this time.
     phase_covariance walk(double seconds) const;
-    //! Take phases with this noise; give the log density that was expected of them.
-    double
-    update(const pair_of_ends& phase, const phase_covariance& noise, double memory);
+    //! Take phases with this noise; give the log density that was expected of them, or
+    //! `lowest` where it is less.
+    double update(const pair_of_ends& phase,
+                  const phase_covariance& noise,
+                  double memory,
+                  double lowest);
     //! Likewise, of phases in which something drifts beside these of the line.
     double carry(drifting_phases& line,
                  const pair_of_ends& phase,

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 #include <utility>
 
 namespace gr::wiforce::kernel {
@@ -49,6 +50,25 @@ private:
     // By how much all variances together are larger.
     double d_first_wider = 1, d_second_wider = 1;
 };
+
+// What decides what comes next: one explanation may stand for two of a kind.
+std::uint32_t kind_of(const explanation& of)
+{
+    const auto& [turn, press, mixture] = std::tie(of.turn, of.press, of.mixture);
+    std::uint32_t kind = 0;
+    for (std::size_t each : { std::size_t(of.is),
+                              std::size_t(of.line.known),
+                              std::size_t(of.claimed),
+                              std::size_t(of.last.is),
+                              std::size_t(of.last.known),
+                              turn.goes_on ? 2 + 2 * turn.speed + turn.by_hand : 0,
+                              press.steady ? 1 + press.speed : 0,
+                              std::size_t(press.steady && press.slides),
+                              of.is == mixed ? std::size_t(mixture.before) : 0,
+                              std::size_t(of.is == mixed && mixture.single) })
+        kind = 8 * kind + static_cast<std::uint32_t>(each);
+    return kind;
+}
 
 // What readings cannot tell apart.
 bool reads_alike(const press_outcome& a, const press_outcome& b)
@@ -480,6 +500,7 @@ void press_filter::settle()
         return a->log_weight > b->log_weight;
     });
     d_kept.clear();
+    std::vector<std::uint32_t> kinds;
     for (const auto* each : likely) {
         const auto& next = *each;
         // All of its evidence is lost where it is dropped.
@@ -489,19 +510,22 @@ void press_filter::settle()
         const bool full = d_kept.size() == most_kept;
         double least = full ? counts : no_loss;
         explanation* with = nullptr;
-        for (auto& kept : d_kept) {
-            if (!one_kind(kept, next))
+        const auto kind = kind_of(next);
+        for (std::size_t i = 0; i < kinds.size(); i++) {
+            if (kinds[i] != kind)
                 continue;
-            const double loss = loss_of_merging(kept, next, least);
+            const double loss = loss_of_merging(d_kept[i], next, least);
             if (loss < least) {
                 least = loss;
-                with = &kept;
+                with = &d_kept[i];
             }
         }
         if (with)
             with->merge(next, share_of(*with, next));
-        else if (!full)
+        else if (!full) {
             d_kept.push_back(next);
+            kinds.push_back(kind);
+        }
     }
     double total = 0;
     for (const auto& kept : d_kept)
@@ -528,21 +552,6 @@ void press_filter::keep_claim()
             kept.log_weight +=
                 std::log(both * (kept.is == untouched ? d_claimed / untouched_weight
                                                       : (1 - d_claimed) / held_weight));
-}
-
-// Whether one explanation may stand for both.
-bool press_filter::one_kind(const explanation& a, const explanation& b)
-{
-    return a.is == b.is && a.line.known == b.line.known &&
-           a.turn.goes_on == b.turn.goes_on && a.claimed == b.claimed &&
-           (!a.turn.goes_on ||
-            (a.turn.by_hand == b.turn.by_hand && a.turn.speed == b.turn.speed)) &&
-           a.press.steady == b.press.steady &&
-           (!a.press.steady ||
-            (a.press.speed == b.press.speed && a.press.slides == b.press.slides)) &&
-           a.last.is == b.last.is && a.last.known == b.last.known &&
-           (a.is != mixed || (a.mixture.before == b.mixture.before &&
-                              a.mixture.single == b.mixture.single));
 }
 
 // Of one explanation in place of both; `most` where that is no less.

@@ -95,7 +95,6 @@ private:
     double between_groups() const;
     void settle();
     void keep_claim();
-    static bool one_kind(const explanation& a, const explanation& b);
     double loss_of_merging(const explanation& a, const explanation& b, double most) const;
     std::vector<outcome> collect(outcome explanation::*which) const;
 
@@ -133,6 +132,7 @@ private:
     void find_peaks();
     double phase_peak(const phase_covariance& by) const;
     bool may_count(const explanation& next, double log_phases) const;
+    double least_phases(const explanation& next) const;
     explanation* follow(const explanation& from, double probability, double phase_peak);
     explanation* follow(const explanation& from, double probability)
     {

@@ -35,7 +35,12 @@ double press_filter::phase_peak(const phase_covariance& by) const
 // Whether one may keep a weight that predicts the phases so well.
 bool press_filter::may_count(const explanation& next, double log_phases) const
 {
-    return next.log_weight + log_phases + d_amplitude_peak > d_best + negligible;
+    return log_phases > least_phases(next);
+}
+
+double press_filter::least_phases(const explanation& next) const
+{
+    return d_best + negligible - d_amplitude_peak - next.log_weight;
 }
 
 // Adds what follows, for the event to change and to give; nothing where it cannot count,
@@ -164,7 +169,8 @@ double press_filter::rate_memory() const
 
 double press_filter::update_baseline(explanation& to) const
 {
-    const double phases = to.line.update(d_group.phase, d_noise, rate_memory());
+    const double phases =
+        to.line.update(d_group.phase, d_noise, rate_memory(), least_phases(to));
     if (!may_count(to, phases))
         return lost;
     const double amplitudes = update_amplitude(to, to.line.amplitude);
@@ -438,7 +444,7 @@ double press_filter::chord(
                               (after == untouched ? 0 : share),
                  ramped = beside + squared(is_pressed * ramp_deg * deg);
     const auto across = [&](double v) {
-        return std::exp(-0.5 * off / v) / std::pow(two_pi * v, 1.5);
+        return std::exp(-0.5 * off / v) / (two_pi * v * std::sqrt(two_pi * v));
     };
     const double on = (across(noise) + across(beside) + across(ramped)) / 4 /
                       (std::sqrt(length2) + 3 * std::sqrt(noise));
