@@ -231,25 +231,19 @@ def _without_incomplete(data):
 
 def _verdict(sensor, model, verdicts, suspected):
     """What the sensor is good for and what speaks against it, first of all."""
-    from gnuradio.wiforce.calibration.validation import shift_per_degree
-
     for text in suspected:
         yield f"not to be trusted: {text}"
-    span = " and ".join(f"{place:g}" for place in model.location_span_mm)
-    ruler = (
-        f"{model.ruler_std_mm:g} mm, included; at {span} mm nothing else says where presses were"
-        if model.ruler_std_mm
-        else "taken as exact (or state --ruler-std-mm); readings shift by what it is off, "
-        f"unnoticed at {span} mm"
-    )
     for found in verdicts:
         at = f" at {found.frequency_hz / 1e6:g} MHz" if len(model.carriers) > 1 else ""
-        yield f"verdict{at}, as standard deviations:"
-        force_n, location_mm = shift_per_degree(model, found.frequency_hz)
-        shift = f"each degree that one is off shifts readings by {force_n:.2g} N"
-        untouched = f"untouched phases: {shift} and {location_mm:.2g} mm"
-        lines = [*str(found).splitlines(), untouched, f"ruler: {ruler}"]
-        yield from (f"  {line}" for line in lines)
+        yield f"verdict{at}, as standard deviations without the noise of a radio:"
+        if found.unusable:
+            yield f"  {found.unusable}"
+        for (std, most), unit in ((found.force_std_n, "N"), (found.location_std_mm, "mm")):
+            yield f"  {std:.2g} {unit} (at most {most:.2g})"
+        if 0 < found.flagged < 1:
+            yield f"  left out: {found.flagged:.0%} of the span, where readings are flagged"
+    if not model.ruler_std_mm:
+        yield "  locations are taken as exact (--ruler-std-mm): what they are off shifts readings"
     yield from (f"warning: {warning}" for warning in sensor.calibration_warnings(model))
     yield ""
 
@@ -282,13 +276,8 @@ def _report(model):
         yield f"\n{carrier.frequency_hz / 1e6:g} MHz, locations {places} mm"
         yield f"  noise of the phases {noise} deg, misfit of the curves {misfit} deg (port 1 / 2)"
         half_n = carrier.hysteresis_n
-        if half_n:
-            yield (
-                f"  loading and unloading differ by up to {2 * half_n:.2f} N at the same phases; "
-                f"the curves lie between, and force_std_n covers {half_n:.2f} N"
-            )
-        elif half_n is not None:
-            yield "  loading and unloading do not differ by more than noise"
+        if half_n is not None:
+            yield f"  loading and unloading differ by up to {2 * half_n:.2f} N at the same phases"
     if validation := model.cross_validation:
         forms = (f"{form} {row['inside_deg']:.2f} deg" for form, row in validation["forms"].items())
         left_out = f"cross-validation within the span, {validation['left_out']} left out"

@@ -15,7 +15,7 @@ from ..sensor.model import SensorModel
 from ..signal.carrier import same_carrier
 from .data import CarrierData, ContactCurve
 from .fit import CurveFitter
-from .wrong_entries import VAGUE_MM, contradictions, wrong_location_text
+from .wrong_entries import contradictions, wrong_location_text
 
 # Blocks of neighbouring forces that are left out in turn: four of the six lie inside.
 _BLOCKS = 6
@@ -97,21 +97,12 @@ def _folds(curve: ContactCurve, by_press: bool) -> list[tuple[np.ndarray, bool]]
 
 _FORCES, _LOCATIONS = 5, 9
 _QUIET_DEG = 1e-3  # phases without noise of their own
-_LIMITS = {
-    "noise": "the noise of the phases in the table",
-    "locations": "the distance between the calibrated locations",
-    "form": "curves that do not follow the data",
-    "hysteresis": "hysteresis between loading and unloading",
-    "ruler": "the accuracy of the ruler",
-    "transfer": "the transfer from another carrier",
-}
 _ENOUGH_LOCATIONS = 5
 _LARGEST_STEP_MM = 15.0
 _FALL_DEG = 1.0
 # Presses of 1 to 8 N are .1 to .82 kg. A gentle sensor is pressed as lightly, so that this is no
 # suspicion.
 _LITTLE_FORCE_N = 0.9
-_UNOBSERVABLE_PART = 0.2
 _CURVE_FORCES = 25
 
 
@@ -119,94 +110,39 @@ _CURVE_FORCES = 25
 class Verdict:
     """Errors that a calibration leaves without noise, with contradictions of its locations.
 
-    Standard deviations are median and largest where readings are not flagged; ``limit`` is the
-    largest cause, ``flagged`` a share of the span, ``unusable`` why no force is read.
+    Standard deviations are median and largest where readings are not flagged; ``flagged`` is a
+    share of the span, ``unusable`` why no force is read.
     """
 
     frequency_hz: float
     force_std_n: tuple[float, float]
     location_std_mm: tuple[float, float]
-    force_span_n: tuple[float, float]
-    location_span_mm: tuple[float, float]
-    limit: str
     flagged: float
-    most_flagged: str
     unusable: str = ""
-
-    def __str__(self) -> str:
-        """The median errors and their largest values, then a line for each thing to know."""
-        low, high = self.location_span_mm
-        (force_n, most_n), (location_mm, most_mm) = self.force_std_n, self.location_std_mm
-        errors = (
-            f"{force_n:.2g} N (at most {most_n:.2g}) and {location_mm:.2g} mm (at most "
-            f"{most_mm:.2g}) between {low:g} and {high:g} mm, {self.force_span_n[0]:.3g} to "
-            f"{self.force_span_n[1]:.3g} N"
-        )
-        lines = [errors, f"largest cause: {self.limit}"]
-        if self.unusable:
-            lines.insert(0, self.unusable)
-        if 0 < self.flagged < 1:
-            lines.append(f"left out: {self.flagged:.0%} of this span, flagged {self.most_flagged}")
-        return "\n".join([*lines, "not included: the noise of a radio"])
 
 
 def verdict(model: CurveModel) -> list[Verdict]:
-    """The errors of each carrier of a calibrated model, and what limits them."""
+    """The errors of each carrier of a calibrated model."""
     return [_of_carrier(model, index) for index in range(len(model.carriers))]
 
 
 def _of_carrier(model: CurveModel, index: int) -> Verdict:
     frequency_hz = model.carriers[index].frequency_hz
-    force, location = _grid(model, _FORCES, _LOCATIONS)
     found, used, flagged = _over_span(model, frequency_hz, _QUIET_DEG)
-    counts = Counter(flag for flags in found.flags for flag in flags)
-    most_flagged = max(counts, key=lambda flag: counts[flag], default="")
-    parts = model.variance_parts_deg2(np.maximum(force, model.onset_force_n), location, index)
-    per_mm = line.round_trip_deg_per_mm(frequency_hz, model.permittivity)
-    parts["ruler"] = np.square((model.ruler_std_mm or 0.0) * per_mm)
-    parts["transfer"] = np.square(model.transfer_std_deg or 0.0)
-    limit = _LIMITS[max(parts, key=lambda name: float(np.mean(parts[name])))]
-    stated = _rows_at(model, "wrong", frequency_hz)
-    wrong = stated or contradictions(_rows_at(model, "locations", frequency_hz))
-    both = ("location_mm", "exchanged_mm")
-    places = {row[key] for row in wrong for key in both if row.get(key) is not None}
-    if places:
-        listed = ", ".join(f"{place:g}" for place in sorted(places))
-        limit = f"locations that contradict each other: {listed} mm"
     unusable = ""
     # Of a force that is anywhere in the span.
     guess_n = float(np.ptp(model.force_span_n)) / np.sqrt(12)
     if flagged == 1:
-        unusable = f"every reading is flagged {most_flagged}"
+        counts = Counter(flag for flags in found.flags for flag in flags)
+        most = max(counts, key=lambda flag: counts[flag], default="")
+        unusable = f"every reading is flagged {most}"
     elif not np.nanmedian(found.force_std_n) < guess_n:
         unusable = f"force is known no better than by a guess within the span ({guess_n:.2g} N)"
     force_std, location_std = (
         (float(np.median(std[used])), float(std[used].max()))
         for std in (found.force_std_n, found.location_std_mm)
     )
-    return Verdict(
-        frequency_hz,
-        force_std,
-        location_std,
-        model.force_span_n,
-        model.location_span_mm,
-        limit,
-        flagged,
-        most_flagged,
-        unusable,
-    )
-
-
-def shift_per_degree(model: SensorModel, frequency_hz: float) -> tuple[float, float]:
-    """Median change in N and mm by a degree of port 1's phase, hidden up to some 20 degrees."""
-    phases = model.phases_deg(*_grid(model, 5, 5), frequency_hz)
-    before, after = (
-        model.invert(phases + by, 0.1, frequency_hz=frequency_hz) for by in ([0, 0], [1, 0])
-    )
-    return (
-        float(np.nanmedian(np.abs(after.force_n - before.force_n))),
-        float(np.nanmedian(np.abs(after.location_mm - before.location_mm))),
-    )
+    return Verdict(frequency_hz, force_std, location_std, flagged, unusable)
 
 
 def errors_over_span(
@@ -297,12 +233,6 @@ def _warnings(model: CurveModel, index: int) -> Iterator[str]:
             f"{len(places)} locations: a kink of the line between them is not seen; press at five "
             "or more"
         )
-    middle_n = np.mean(model.force_span_n)
-    between = 0.5 * (places[1:] + places[:-1])
-    std_mm = model.model_std_deg(middle_n, between, carrier.frequency_hz).max(axis=1) / slope
-    for low, high, vague in zip(places[:-1], places[1:], std_mm, strict=True):
-        if vague > VAGUE_MM:
-            yield f"between {low:g} and {high:g} mm a short is known to {vague:.1f} mm only"
     hardest = float(spans[:, 1].max())
     if hardest < _LITTLE_FORCE_N:
         yield f"forces reach {hardest:g} N only: were they entered in kg (1 kg is 9.81 N)?"
@@ -314,13 +244,7 @@ def _warnings(model: CurveModel, index: int) -> Iterator[str]:
             "stated?"
         )
     yield from location_warnings(model, index)
-    quality = zip(carrier.noise_deg, carrier.misfit_deg, strict=True)
-    for port, (noise, misfit) in enumerate(quality, 1):
-        if misfit > 0.7 * noise:
-            yield (
-                f"the curves do not fit port {port}: {misfit:.2f} deg of the scatter of "
-                f"{noise:.2f} deg are alike at neighbouring forces"
-            )
+    middle_n = np.mean(model.force_span_n)
     steps = np.diff(model.short_deg(np.full(len(places), middle_n), places, index), axis=0)
     worst = np.abs(steps / slope - np.outer(np.diff(places), [-1, 1])).max()
     if worst > _LARGEST_STEP_MM:
@@ -339,8 +263,3 @@ def _warnings(model: CurveModel, index: int) -> Iterator[str]:
                     f"port {port} falls by {fall:.1f} deg with force at {place:g} mm; a short only "
                     "widens"
                 )
-    along = np.linspace(*model.location_span_mm, _LOCATIONS)
-    hidden = model.inverter(carrier.frequency_hz).unobservable(force[:, None], along)
-    if np.any(alike := np.mean(hidden, axis=0) > _UNOBSERVABLE_PART):
-        listed = ", ".join(f"{place:g}" for place in along[alike])
-        yield f"force and location are hard to tell apart at {listed} mm (force-unobservable)"

@@ -27,7 +27,7 @@ _LEAST_TESTED = 4
 # Places at which a press is sought, closer than a ruler is read.
 _PLACE_STEP_MM = 0.1
 # Nearer than a reading is expected to be, no ruler was misread.
-VAGUE_MM = 0.5
+_VAGUE_MM = 0.5
 # Cross-validation is stated to this.
 _ROUNDED_DEG, _DECIMALS = 1e-4, 4
 
@@ -96,7 +96,7 @@ def _wrong_location(
     wrong = int(np.argmin(worst))
     stated_mm = float(data.location_mm[wrong])
     fits_mm = _place_among(fitted, wrong, ruler_std_mm)
-    near = fits_mm is not None and abs(fits_mm - stated_mm) <= VAGUE_MM
+    near = fits_mm is not None and abs(fits_mm - stated_mm) <= _VAGUE_MM
     if worst[wrong] > _UNEXPECTED or near:
         return None
     return {"location_mm": stated_mm, "fits_mm": fits_mm}

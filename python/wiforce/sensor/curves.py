@@ -377,10 +377,6 @@ class CurveModel(SensorModel):
         return added + line.short_phase_deg(distance, frequency, self.permittivity)
 
     def _model_std_deg(self, force: Array, location: Array, carrier: int) -> Array:
-        return np.sqrt(sum(self.variance_parts_deg2(force, location, carrier).values()))
-
-    def variance_parts_deg2(self, force: Array, location: Array, carrier: int) -> dict[str, Array]:
-        """Variance of the phases by cause, each (..., 2), for forces above the onset."""
         curves, interpolation = self.carriers[carrier], self._interpolations[carrier]
         basis, covariance = self._basis(force), curves.covariance_deg2
         along = basis @ np.moveaxis(covariance, 2, 0).reshape(len(covariance[0, 0]), -1)
@@ -388,19 +384,16 @@ class CurveModel(SensorModel):
         fit = np.einsum("...pjm,...m->...pj", along, basis)
         fit = np.maximum(fit, 0.0)  # a file's digits end somewhere
         values = self._at_locations(force, carrier)
-        noise, locations = [], []
+        variances = []
         for port in (0, 1):
             weights = interpolation.weights(location, port)
-            noise.append(np.sum(weights**2 * fit[..., port, :], axis=-1))
-            locations.append(interpolation.variance(location, port, values[..., port, :]))
-        parts = {
-            "noise": np.stack(noise, axis=-1),
-            "locations": np.stack(locations, axis=-1),
-            "form": np.square(curves.misfit_deg),
-        }
+            noise = np.sum(weights**2 * fit[..., port, :], axis=-1)
+            between = interpolation.variance(location, port, values[..., port, :])
+            variances.append(noise + between)
+        variance = np.stack(variances, axis=-1) + np.square(curves.misfit_deg)
         if curves.hysteresis_n:
-            parts["hysteresis"] = self._hysteresis_deg(force, location, carrier) ** 2
-        return parts
+            variance += self._hysteresis_deg(force, location, carrier) ** 2
+        return np.sqrt(variance)
 
     def _hysteresis_deg(self, force: Array, location: Array, carrier: int) -> Array:
         """Standard deviation of each phase by which force is as uncertain as by hysteresis.
