@@ -129,15 +129,9 @@ def _events(scene: Scene) -> Iterator[Violation]:
 
 
 def simulation_warnings(scene: Scene) -> list[str]:
-    """What differs from what was probably meant, a sentence each: one model twice, mm as m."""
+    """What differs from what was probably meant, a sentence each: one model twice."""
     models = {sensor.name: sensor.model for sensor in scene.sensors}
-    found = [
-        f"simulation.presses[{i}].location_mm is {press.location_mm:g}: is it in metres instead "
-        "of millimetres?"
-        for i, press in enumerate(scene.simulation.presses)
-        if 0 < press.location_mm < 1
-    ]
-    return found + [
+    return [
         f"sensor '{tag.sensor}': the model that is pressed and the one that reads it are the same "
         f"({tag.truth_model}): readings will show no calibration error, which `gr-wiforce plan` "
         "states over the calibrated span"

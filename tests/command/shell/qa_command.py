@@ -211,23 +211,6 @@ def test_progress_in_pipe_is_silent_on_terminal_is_drawn():
     assert b"working" in drawn and b"100%" in drawn
 
 
-def test_command_on_a_home_that_cannot_be_written_prints_its_own_lines_only(tmp_path):
-    """Matplotlib's advice on its own settings hid the line that mattered."""
-    path = tmp_path / "out.png"
-    code = (
-        "import sys, warnings; from wiforce_app import main; "
-        "main._silence_libraries(); warnings.warn('of NumPy'); "
-        "from wiforce_app.shell.plots import plot_readings; "
-        "from gnuradio.wiforce.io.readings import Reading; "
-        f"plot_readings([Reading(0.1, 'arm'), Reading(0.2, 'arm')], {str(path)!r})"
-    )
-    environment = {**os.environ, "HOME": "/nonexistent", "MPLCONFIGDIR": "/proc/none"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=300, env=environment
-    )
-    assert (done.returncode, done.stderr) == (0, "") and path.exists()
-
-
 def test_plot_of_readings_without_values_gives_no_warning(tmp_path):
     from gnuradio.wiforce.io.readings import Reading
     from wiforce_app.shell.plots import plot_readings
