@@ -2,15 +2,11 @@
 #pragma once
 
 #include <algorithm>
-#include <atomic>
 #include <cerrno>
-#include <chrono>
 #include <cstdint>
 #include <cstdlib>
 #include <cstring>
 #include <string>
-#include <thread>
-#include <vector>
 
 #include <sys/socket.h>
 
@@ -100,81 +96,4 @@ private:
     std::size_t d_sample_bytes, d_tag_bytes, d_remaining = 0, d_head_count = 0;
     std::string d_head;
     bool d_ended = false;
-};
-
-/** Writes packets that a packet_reader reads, to a stream socket with a send timeout.
- *
- * What arrives within an interval is sent together. `ended` is set by any thread: nothing
- * is sent any more, not even the rest of a packet.
- */
-class packet_writer
-{
-public:
-    std::atomic<bool> ended{ false };
-    std::atomic<bool> waiting{ false }; // the other process is slower than packets come
-
-    packet_writer(int socket, double interval_s)
-        : d_socket(socket),
-          d_interval(std::chrono::duration_cast<clock::duration>(
-              std::chrono::duration<double>(interval_s)))
-    {
-    }
-
-    /** Whether all of a packet was sent: its head, and the samples of each antenna. */
-    bool write(const std::string& head,
-               const std::vector<const void*>& inputs,
-               std::size_t count)
-    {
-        const void* samples = inputs.front();
-        if (inputs.size() > 1) {
-            d_beside.resize(count * inputs.size());
-            for (std::size_t antenna = 0; antenna < inputs.size(); ++antenna) {
-                const auto* const own =
-                    static_cast<const std::uint32_t*>(inputs[antenna]);
-                for (std::size_t i = 0; i < count; ++i)
-                    d_beside[i * inputs.size() + antenna] = own[i];
-            }
-            samples = d_beside.data();
-        }
-        // As one message, so that the other process is woken once.
-        iovec parts[] = { { const_cast<char*>(head.data()), head.size() },
-                          { const_cast<void*>(samples),
-                            count * inputs.size() * sizeof(std::uint32_t) } };
-        if (!send(parts))
-            ended = true;
-        if (ended)
-            return false;
-        std::this_thread::sleep_until(d_next);
-        d_next = clock::now() + d_interval;
-        return true;
-    }
-
-private:
-    using clock = std::chrono::steady_clock;
-
-    bool send(iovec (&parts)[2])
-    {
-        msghdr message{};
-        message.msg_iov = parts;
-        message.msg_iovlen = 2;
-        while (parts[1].iov_len > 0 && !ended) {
-            const auto sent = ::sendmsg(d_socket, &message, MSG_NOSIGNAL);
-            waiting = sent < 0 && (errno == EAGAIN || errno == EWOULDBLOCK);
-            if (sent < 0 && !waiting && errno != EINTR)
-                return false; // the other process has gone
-            auto rest = static_cast<std::size_t>(std::max<ssize_t>(sent, 0));
-            for (iovec& part : parts) {
-                const auto own = std::min(rest, part.iov_len);
-                part.iov_base = static_cast<char*>(part.iov_base) + own;
-                part.iov_len -= own;
-                rest -= own;
-            }
-        }
-        return true;
-    }
-
-    int d_socket;
-    clock::duration d_interval;
-    clock::time_point d_next;
-    std::vector<std::uint32_t> d_beside; // samples of all antennas, side by side
 };

@@ -232,31 +232,6 @@ begins; the largest magnitude; whether the stream has ended.)")
             "block"_a,
             "most"_a,
             "The same, into the output of a block that is being called.");
-    py::class_<packet_writer>(m, "packet_writer", "Writes packets to a stream socket.")
-        .def(py::init<int, double>(), "socket"_a, "interval_s"_a)
-        .def_property(
-            "ended",
-            [](const packet_writer& writer) { return writer.ended.load(); },
-            [](packet_writer& writer, bool ended) { writer.ended = ended; })
-        .def_property_readonly(
-            "waiting", [](const packet_writer& writer) { return writer.waiting.load(); })
-        .def(
-            "write_from",
-            [](packet_writer& writer,
-               const gr::block& block,
-               std::size_t count,
-               const std::string& head) {
-                std::vector<const void*> inputs(block.detail()->ninputs());
-                for (std::size_t i = 0; i < inputs.size(); ++i)
-                    inputs[i] = block.detail()->input(i)->read_pointer();
-                return writer.write(head, inputs, count);
-            },
-            "block"_a,
-            "count"_a,
-            "head"_a,
-            py::call_guard<py::gil_scoped_release>(),
-            R"(Writes samples at the inputs of a block that is being called, behind a
-head, and sleeps until the interval is over; whether all were sent.)");
 }
 
 static py::object rx_time_or_none(const pmt::pmt_t& value)

@@ -145,9 +145,10 @@ class Kept:
         output_items = _arrays(outputs, self.out_sig(), [most] * len(outputs))
         if general:
             return int(self.general_work(input_items, output_items))
-        done = self.work(input_items, output_items)
-        self.consume_items(done)
-        return int(done)
+        done = int(self.work(input_items, output_items))
+        if done > 0:
+            self.consume_items(done)
+        return done
 
 
 _address_in = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)(

@@ -16,7 +16,7 @@ import pmt
 from gnuradio import gr
 
 from ..estimation.groups import Array
-from ..wiforce_python import packet_reader, packet_writer, rx_time_value
+from ..wiforce_python import packet_reader, rx_time_value
 from . import names
 from .argument_types import Kept, typed
 from .frame_alignment import FrameSearch, Tag
@@ -372,34 +372,43 @@ class sample_sender(Kept, gr.sync_block):
         stream.settimeout(None)
         stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _WAIT)
         stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
-        self._stream, self._packets = stream, packet_writer(stream.fileno(), interval_s)
-        self._accepts_time = accepts_time
+        self._stream, self._accepts_time = stream, accepts_time
+        self._interval_s, self._next_s = interval_s, 0.0
+        self.waiting = self.ended = False
         self.sent = 0
-
-    @property
-    def waiting(self) -> bool:
-        return self._packets.waiting
-
-    @property
-    def ended(self) -> bool:
-        return self._packets.ended
-
-    @ended.setter
-    def ended(self, ended: bool) -> None:
-        self._packets.ended = ended
 
     def end(self) -> None:
         """Send nothing any more, not even the rest of a packet."""
         self.ended = True
 
-    # Arrays for each call, of a thousand per second, would take longer than what is done with them.
-
-    def handle_general_work(self, most: int, *_: list[Any]) -> int:
-        if not self._packets.write_from(self.gateway, most, pack_head(most, self._tags(most))):
+    def work(self, input_items: list[Array], _: list[Array]) -> int:
+        count = len(input_items[0])
+        samples = input_items[0] if len(input_items) == 1 else np.concatenate(input_items, axis=1)
+        self._send(memoryview(pack_head(count, self._tags(count))), samples.data.cast("B"))
+        if self.ended:
             return _DONE
-        self.sent += most
-        self.gateway.consume_each(most)
-        return most
+        time.sleep(max(self._next_s - time.monotonic(), 0.0))
+        self._next_s = time.monotonic() + self._interval_s
+        self.sent += count
+        return count
+
+    def _send(self, *parts: memoryview) -> None:
+        """Send parts as one message, so that the other process is woken once, unless it ends."""
+        rest = list(parts)
+        while rest and not self.ended:
+            try:
+                count = self._stream.sendmsg(rest, (), socket.MSG_NOSIGNAL)
+            except BlockingIOError:
+                self.waiting = True
+                continue
+            except OSError:  # the other process has gone
+                self.ended = True
+                return
+            self.waiting = False
+            while rest and count >= len(rest[0]):
+                count -= len(rest.pop(0))
+            if rest:
+                rest[0] = rest[0][count:]
 
     def stop(self) -> bool:
         self.ended = True
