@@ -64,14 +64,6 @@ def _report(skin, taps, rms):
         f"surface {skin.name}: {law.law} law from {shown} shares of touched strips and "
         f"{untouched} untouched ones"
     )
-    # Where taps on and beside each strip have determined the law.
-    distances = skin.spacing_mm / 2 * np.arange(-2, 3)
-    own = range(len(skin.strips)) if law.law == "strips" else [0]
-    click.echo("  mm across  " + "".join(f"{distance:8.1f}" for distance in distances))
-    for i in own:
-        name = skin.strips[i].sensor if law.law == "strips" else "each strip"
-        shares = law.share_of(i, distances)
-        click.echo(f"  {name:<11.11}" + "".join(f"{share:8.3f}" for share in shares))
     _, together = borne_together(skin)
     click.echo(f"all strips together bear {together.min():.0%} to {together.max():.0%} of a press")
     click.echo(f"standard deviation of a share {law.share_std:.3f} (fitted {rms:.3f} rms)")

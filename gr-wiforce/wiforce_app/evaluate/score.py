@@ -127,43 +127,28 @@ def _write(path, found):
 
 
 def _plot_comparison(readings, gauge, found, path, title):
-    """Draw both forces over time, the errors over time and over the force."""
+    """Draw both forces, and the errors, over time."""
     from gnuradio.wiforce.receiver.plotting import legend_beside
     from matplotlib.figure import Figure
 
-    canvas = Figure(figsize=(11, 8), layout="constrained")
+    canvas = Figure(figsize=(11, 6), layout="constrained")
     canvas.suptitle(title, fontsize=11)
-    over_time, errors, of_force = canvas.subplots(3, 1, height_ratios=(3, 2, 2))
-    errors.sharex(over_time)
+    forces, errors = canvas.subplots(2, 1, height_ratios=(3, 2), sharex=True)
     gauge_n = found.sign * (gauge.force_n - found.zero_n)
-    over_time.plot(gauge.time_s - found.offset_s, gauge_n, color=TRUTH, lw=3, label="gauge")
-    clear, touched = readings.clear, readings.touched
-    reading = {"ms": 2.5, **series_style(0)}
-    times_s, forces_n = readings.time_s[clear], readings.force_n[clear]
-    over_time.plot(times_s, forces_n, ls="", label="reading", **reading)
-    flagged = touched & ~clear
-    over_time.plot(
-        readings.time_s[flagged],
-        readings.force_n[flagged],
-        "x",
-        ms=5,
-        color=reading["color"],
-        label="flagged, not compared",
-    )
-    span = readings.time_s[[0, -1]]
-    over_time.set_xlim(*span)
-    top = 1.15 * max(found.force_n.max(), found.gauge_n.max())
-    over_time.set_ylim(-0.1 * top, top)
-    over_time.set_ylabel("force (N)")
-    legend_beside(over_time)
-    errors.errorbar(found.time_s, found.error_n, 2 * found.force_std_n, ls="", lw=0.7, **reading)
+    forces.plot(gauge.time_s - found.offset_s, gauge_n, color=TRUTH, lw=3, label="gauge")
+    style = {"ls": "", "ms": 2.5, **series_style(0)}
+    for chosen, more in (
+        (readings.clear, {"label": "reading"}),
+        (readings.touched & ~readings.clear, {"label": "flagged, not compared", "marker": "x"}),
+    ):
+        forces.plot(readings.time_s[chosen], readings.force_n[chosen], **{**style, **more})
+    forces.set_xlim(*readings.time_s[[0, -1]])
+    forces.set_ylabel("force (N)")
+    legend_beside(forces)
+    errors.errorbar(found.time_s, found.error_n, 2 * found.force_std_n, lw=0.7, **style)
     errors.axhline(0, color=TRUTH, lw=1)
     errors.set_ylabel("reading - gauge (N)\nbars: 2 std")
     errors.set_xlabel("time (s)")
-    of_force.plot(found.gauge_n, found.error_n, ls="", **reading)
-    of_force.axhline(0, color=TRUTH, lw=1)
-    of_force.set_xlabel("force of the gauge (N)")
-    of_force.set_ylabel("reading - gauge (N)")
-    for axis in (over_time, errors, of_force):
+    for axis in (forces, errors):
         axis.grid(alpha=0.3)
     save_picture(canvas, path)

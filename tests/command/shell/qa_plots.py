@@ -79,19 +79,19 @@ def calibration():
     return table, calibrate(table, "arm")
 
 
-def test_plot_of_calibration_has_residuals_of_all_presses(figures, calibration):
-    """A press that does not fit is seen in the residuals and nowhere else."""
+def test_plot_of_calibration_has_phases_and_residuals_of_all_presses(figures, calibration):
+    """A press that does not fit is seen in the residuals; a jump by 360 deg would hide a curve."""
     table, model = calibration
+    assert np.ptp(table.phase_deg[~table.untouched]) > 300, "the phases must cross 180 deg"
     plot_calibration(table, model, "out.png")
-    for port, axis in ((1, figures[0].axes[2]), (2, figures[0].axes[5])):
+    for port in (1, 2):
+        phases, residuals = figures[0].axes[2 * port - 2 : 2 * port]
+        for line in phases.get_lines():
+            assert np.max(np.abs(np.diff(line.get_ydata()))) < 60
         for location in model.carriers[0].location_mm:
-            forces, residuals = line_of(axis, f"{location:g} mm")
-            rows = table.take(
-                (table.port == port) & (table.location_mm == location) & ~table.untouched
-            )
-            expected = wrap_deg(
-                rows.phase_deg - model.phases_deg(rows.force_n, location)[:, port - 1]
-            )
+            forces, beside = line_of(residuals, f"{location:g} mm")
+            rows = table.take((table.port == port) & (table.location_mm == location))
+            expected = model.phases_deg(rows.force_n, location)[:, port - 1]
             np.testing.assert_array_equal(forces, rows.force_n)
-            np.testing.assert_allclose(residuals, expected, atol=1e-9)
-            assert 0 < np.std(residuals) < 1.0
+            np.testing.assert_allclose(beside, wrap_deg(rows.phase_deg - expected), atol=1e-9)
+            assert 0 < np.std(beside) < 1.0
