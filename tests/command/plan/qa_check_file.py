@@ -7,21 +7,15 @@ import os
 import numpy as np
 import pytest
 import yaml
-from command_runs import refused, run_command, succeeded
+from command_runs import refused, run_command
 from gnuradio import wiforce
 from packet_simulator import PacketCapture, PacketTag
+from wiforce_app.plan.check_file import check_file
 
 
-def found_in(path, *options):
-    """What the command finds, as JSON."""
-    done = succeeded("check", path, *options, "--json")
-    return json.loads(done.stdout)
-
-
-def checked(path, *options):
+def checked(path, datatype=None):
     """What the command finds, and what it shows of it."""
-    shown = succeeded("check", path, *options)
-    return found_in(path, *options), shown.stdout
+    return check_file(path, None, datatype, None)
 
 
 def snapshots(folder, line_db=30, snr_db=30.0, **more):
@@ -83,13 +77,13 @@ def test_raw_samples_are_recognised_by_their_values(kind, tmp_path):
     assert found["levels"]["peak_dbfs"] == pytest.approx(-2, abs=3)
     assert "name one with --scene" in text
     other = "cf32_le" if kind == "ci16_le" else "ci16_le"
-    found = found_in(tmp_path / "air", "--datatype", other)
+    found = checked(tmp_path / "air", other)[0]
     assert found["advice"][0].startswith(f"the values are those of {kind} rather than {other}")
 
 
 def test_samples_without_numbers_and_text_are_named(tmp_path):
     np.full(9999, np.nan, "<c8").tofile(tmp_path / "nan.cf32")
-    found = found_in(tmp_path / "nan.cf32", "--datatype", "cf32_le")
+    found, _ = checked(tmp_path / "nan.cf32", "cf32_le")
     assert found["levels"]["not_finite"] == 1.0
     (tmp_path / "text").write_text("no samples at all\n" * 99)
     assert "is not a capture" in refused("check", tmp_path / "text")
@@ -104,8 +98,8 @@ def test_options_for_samples_are_refused_for_snapshots(tmp_path):
 
 def test_one_antenna_of_a_wide_band_states_the_error_of_readings(tmp_path):
     """What read will show: the tag's lines, and the noise of what is left of them."""
-    settings = {"line_db": 40, "snr_db": 40.0, "antennas": 1, "duration_s": 2.0}
-    found = found_in(snapshots(tmp_path, subcarriers=256, **settings))
+    settings = {"line_db": 40, "snr_db": 40.0, "antennas": 1, "duration_s": 1.2}
+    found, _ = checked(snapshots(tmp_path, subcarriers=256, **settings))
     assert found["tag"]["clock_hz"] == pytest.approx(134.0, abs=0.1)
     assert found["tag"]["line_db"] == pytest.approx(-40, abs=6)
     assert -4 < found["one_antenna"]["kept_db"] < 0

@@ -19,7 +19,6 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.lines import lamp_distances_hz
 from plain import make_plan
-from wiforce_app.plan.check import Findings, advice_on
 
 GROUP = make_plan(())
 BOTH = (50.0, 60.0)
@@ -142,20 +141,6 @@ def test_plan_short_groups_do_not_ask_for_clock_that_does_not_help():
     assert not any(text.startswith("lamps") for text in warnings(short))
 
 
-@pytest.mark.parametrize(
-    "key, value, rule",
-    [
-        ("mains_hz", 55, r"environment.mains_hz: must be 'auto' or 50 or 60 Hz or null, got 55"),
-        ("mains_hz", True, "environment.mains_hz: must be"),
-        ("band", "us-900", "environment.band: must be 'us-902-928' or"),
-    ],
-)
-def test_scene_wrong_room_key_is_refused(key, value, rule):
-    """A misspelt band would silence the warning that keeps users inside it."""
-    with pytest.raises(InputError, match=rule):
-        scene_of(environment={key: value})
-
-
 BAND_CASES = [
     # carrier, rate, band, warned; edges from 47 CFR 15.247 and ERC 70-03
     (915e6, 12.5e6, "us-902-928", False),
@@ -185,13 +170,6 @@ def test_licence_note_names_no_band_only_without_stated_band():
     assert licence_note(with_carrier(scene_of(), 915e6)) is None
     assert "893.945 to 906.055 MHz" in licence_note(scene_of())
     assert licence_note(scene_of(environment={"band": "us-902-928"})) is None
-
-
-def test_check_advises_on_band_first():
-    """`check` transmits: it is the last occasion to notice a wrong carrier."""
-    scene = scene_of(environment={"band": "us-902-928"})
-    advice = advice_on(Findings("a device", {}), scene)
-    assert "leaves environment.band us-902-928" in advice[0] and len(advice) == 2
 
 
 def test_command_plan_prints_band_warning_and_note(tmp_path):
