@@ -2,11 +2,18 @@
 """Devices and options that a live reader refuses, in one line each."""
 
 import json
+import os
 import socket
 
 import pytest
+from command_runs import refused
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.network.device_lock import DeviceLock
+from gnuradio.wiforce.scene import load_scene
 from live_runs import command, run_session, scene_of
 from long_cases import cases
+from wiforce_app.radio.radio import open_radio
+from wiforce_app.radio.request import RadioRequest
 
 
 @pytest.mark.parametrize("name", cases("live", long=("check",)))
@@ -16,38 +23,46 @@ def test_live_and_check_without_device_name_alternatives(name):
     assert all(word in said for word in ("addr=127.0.0.254", "emulate", "read"))
 
 
-def test_live_impossible_settings_refused_in_one_line(software_usrp, tmp_path):
-    device = software_usrp("--air", "cable")
-    demo = ["--scene", "demo", "--args", device.args]
-    odd_rate = scene_of([], radio={"sample_rate_hz": 11e6})
-    (tmp_path / "rate.yaml").write_text(json.dumps(odd_rate))
+@pytest.mark.parametrize(
+    "rate_hz, settings, rule",
+    [
+        (12.5e6, {"rx_gain_db": 99}, "--rx-gain: must be 0 to 38 dB with this device, got 99"),
+        (11e6, {}, "scene: radio.sample_rate_hz: must be a rate that the device supports"),
+    ],
+)
+def test_settings_that_a_usrp_does_not_have_are_refused(software_usrp, rate_hz, settings, rule):
+    args = software_usrp("--air", "cable").args
+    scene = load_scene(scene_of([], radio={"sample_rate_hz": rate_hz}))
+    with pytest.raises(InputError, match=rule):
+        open_radio(RadioRequest.of_scene(scene, args, **settings))
+
+
+def test_live_outputs_that_cannot_be_opened_keep_what_is_there(tmp_path):
+    """None of them waits for a device."""
     kept = [tmp_path / "run.sigmf-data", tmp_path / "kept.jsonl"]
     for path in kept:
         path.write_text("precious")
-    demo_again = [*demo, "-o", kept[1]]
-    taken = socket.create_server(("127.0.0.1", 0))
-    port = taken.getsockname()[1]
-    cases = [
-        (
-            ["--scene", tmp_path / "rate.yaml", "--args", device.args],
-            ["sample_rate_hz", "11000000"],
-        ),
-        ([*demo, "--rx-gain", 99], ["--rx-gain", "38"]),
-        ([*demo, "--antenna", "J1"], ["--antenna", "RX2"]),
-        ([*demo, "--reference", "sun"], ["--reference", "internal"]),
-        ([*demo_again, "--record", tmp_path / "run"], ["run.sigmf-data", "exists"]),
-        ([*demo_again, "--zmq", port], ["--zmq", "in use"]),
-        ([*demo_again, "--control", port], ["--control", "in use"]),
-        ([*demo, "-o", tmp_path / "out.txt"], ["out.txt", ".csv"]),
-        ([*demo, "--zmq", "ipc://x"], ["--zmq"]),
-        ([*demo, "--amplitude", 0.99], ["amplitude"]),
-    ]
-    # One process for all of them: starting it takes longer than what it does.
-    with taken:
-        requests = [json.dumps(case, default=str) for case, _ in cases]
-        statuses, said = run_session("refused", *requests)
-    assert statuses == [2] * len(cases)
-    for line, (_, words) in zip(said.splitlines(), cases, strict=True):
-        assert all(word in line for word in words), line
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        for options, words in (
+            (["-o", kept[1], "--record", tmp_path / "run"], ["run.sigmf-data", "exists"]),
+            (["-o", kept[1], "--zmq", port], ["--zmq", "in use"]),
+            (["-o", kept[1], "--control", port], ["--control", "in use"]),
+            (["-o", tmp_path / "out.txt"], ["out.txt", ".csv"]),
+            (["--zmq", "ipc://x"], ["--zmq"]),
+        ):
+            said = refused("live", "--scene", "demo", "--args", "addr=127.0.0.254", *options)
+            assert all(word in said for word in words), said
     assert all(path.read_text() == "precious" for path in kept)
-    assert not list(tmp_path.glob("*.csv"))
+
+
+def test_live_device_in_use_is_refused_and_keeps_the_file(tmp_path):
+    """Two runs would lose the device to each other, with wrong readings in between."""
+    output = tmp_path / "out.csv"
+    output.write_text("precious")
+    lock = DeviceLock("addr=127.0.0.254")
+    options = ["--scene", "demo", "--args", "addr=127.0.0.254", "--reconnect", "-o", str(output)]
+    (status,), said = run_session("refused", json.dumps(options))
+    lock.release()
+    assert status == 2 and "--args: must name a device that is free" in said
+    assert f"process {os.getpid()}" in said and output.read_text() == "precious"

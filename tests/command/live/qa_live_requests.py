@@ -9,57 +9,11 @@ import socket
 import numpy as np
 import pytest
 import zmq
-from command_runs import run_command, succeeded
+from command_runs import refused, run_command, succeeded
 from fuzzing import LIMIT_BYTES, peak_memory
-from gnuradio.wiforce.estimation.capture.frame import MARGIN
-from gnuradio.wiforce.io.network.zmq_keys import ClientKeys, create_keys
+from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
 from live_runs import GAINS, SLOW_GROUP_S, ask, connected, free_ports, live, rows_of, wait_until
 from mutations import mutated
-
-
-def test_live_zmq_publishes_readings_answers_requests_and_warns_of_saturation(
-    slow_scene, slow_device, tmp_path
-):
-    readings_port, control_port = free_ports(2)
-    output = tmp_path / "out.csv"
-    options = ["--zmq", readings_port, "--control", f"tcp://127.0.0.1:{control_port}", "-o", output]
-    options += ["--tx-gain", 15, "--rx-gain", 20]
-    with (
-        live(slow_device.args, slow_scene, *options) as process,
-        connected(zmq.SUB, readings_port) as subscriber,
-        connected(zmq.REQ, control_port) as client,
-    ):
-
-        def receive_until(last):
-            rows = []
-            while not (rows and last(rows[-1])):
-                rows.append(json.loads(subscriber.recv_string()))
-            return rows
-
-        subscriber.subscribe('{"message": "reading"')
-
-        (first,) = receive_until(lambda row: True)
-        assert first["sensor"] == "arm" and "saturated" in first["flags"].split()
-        # Sample 0 of the stream lies some samples behind the common start of both directions.
-        assert first["device_time_s"] - first["time_s"] > 0
-        status = ask(client, "status")
-        delay = (status["frame_offset"] + MARGIN) % 400
-        assert status["ok"] and delay == pytest.approx(5.12 * 2.5 + 2, abs=2)
-        assert status["clock_offset_ppm"][0] == pytest.approx(40, abs=4)
-        tared = ask(client, "tare")
-        assert (tared["ok"], tared["state"], tared["forced"]) == (True, "complete", False)
-        assert ask(client, "dance")["ok"] is False
-        # The first reference ends at 0.3 s. The new one, then a touch against it.
-        later = receive_until(lambda row: row["time_s"] > tared["time_s"] + 0.3)
-        assert any("reference" in row["flags"] for row in later if row["time_s"] > 0.35)
-        assert "reference" not in later[-1]["flags"]
-        slow_device.command("press arm 4.0 45.0")
-        receive_until(lambda row: row["touch"] == 1)
-        assert ask(client, "stop") == {"ok": True}
-        _, said = process.communicate(timeout=300)
-        assert process.returncode == 0
-    assert "the receiver is saturated" in said
-    assert rows_of(output)[-1]["touch"] == "1"
 
 
 def send_broken_requests(port, count, seed):
@@ -108,20 +62,13 @@ def test_live_interrupted_twice_keeps_its_files(slow_scene, slow_device, tmp_pat
 @pytest.mark.long
 @pytest.mark.timeout(3000)
 def test_live_fuzzed_requests_leave_readings_complete(slow_scene, slow_device):
-    """Many requests to the first process, then some to each of the others."""
-    for process in range(100):
-        count = 200 if process else 10_000
-        fuzz_with_requests(slow_scene, slow_device, count, seed=3 + process)
-
-
-def fuzz_with_requests(scene, device, count, seed):
     (port,) = free_ports(1)
     with (
-        live(device.args, scene, *GAINS, "--control", port, limit=900) as process,
+        live(slow_device.args, slow_scene, *GAINS, "--control", port, limit=900) as process,
         connected(zmq.REQ, port) as client,
     ):
         ask(client, "status")  # it listens
-        send_broken_requests(port, count, seed)
+        send_broken_requests(port, 10_000, seed=3)
         fuzzed_s = ask(client, "status")["time_s"]
         wait_until(lambda: ask(client, "status")["time_s"] >= max(fuzzed_s, 0.5) + 0.3)
         peak = peak_memory(process.pid)
@@ -141,7 +88,6 @@ def test_live_with_keys_lets_only_known_clients_read_ask_and_tare(
     """Beyond loopback, whoever reaches the ports could otherwise stop a robot's reader."""
     keys = tmp_path / "keys"
     succeeded("keys", keys)
-    create_keys(tmp_path / "other")
     readings_port, control_port = free_ports(2)
     options = ["--zmq", readings_port, "--control", f"tcp://0.0.0.0:{control_port}"]
     options += ["--zmq-keys", keys, "-o", tmp_path / "out.csv"]
@@ -159,10 +105,7 @@ def test_live_with_keys_lets_only_known_clients_read_ask_and_tare(
         assert json.loads(known.recv())["sensor"] == "arm"
         done = run_command("status", control_port, "--zmq-keys", keys, "--timeout", 30)
         assert done.returncode in (0, 1) and done.stdout.startswith("run ")
-        for options in ([], ["--zmq-keys", tmp_path / "other"]):
-            done = run_command("status", control_port, *options)
-            assert (done.returncode, done.stdout) == (2, "")
-            assert "--zmq-keys: must be those of a client" in done.stderr
+        assert "--zmq-keys: " in refused("status", control_port)
         assert not unknown.poll(0)
         process.send_signal(signal.SIGTERM)
         _, said = process.communicate(timeout=300)

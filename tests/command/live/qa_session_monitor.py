@@ -1,14 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A live session without a device: its start, its end, and the warnings of its monitor."""
 
+import pickle
 import socket
 import sys
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from gnuradio.wiforce.errors import OutputError
 from gnuradio.wiforce.io.readings import GroupCounts
+from gnuradio.wiforce.planning.findings import Finding
 from gnuradio.wiforce.scene import load_scene
+from live_runs import scene_file
 from wiforce_app.live import monitor as session_monitor
 from wiforce_app.live.live import _Ending
 from wiforce_app.live.session import LiveSession
@@ -108,6 +112,33 @@ def test_session_monitor_many_gaps_advises_larger_socket_buffers(
         assert said.count("\n") == 1 and f"{lost} samples lost" in said
         assert ("is too slow" in said) is warned
         assert ("net.core.rmem_max" in said) is (warned and advised)
+
+
+def test_session_monitor_reports_what_the_survey_of_the_room_finds_once(capsys):
+    """An unlisted tag would stay unsaid."""
+    session, now = session_in_words(), [0.0]
+    monitor = session_monitor.SessionMonitor(session, HEALTH, now=lambda: now[0])
+    assert monitor.status()["room"] is None
+    for frequency_hz in (670.1, 670.2):
+        now[0] += 1.1
+        found = [Finding("tag", frequency_hz, -5.0, "a tag", "solved for", True)]
+        session.reader.findings = found + [Finding("line", 90.0, -30.0, "", "none", False)]
+        monitor.look()
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("gr-wiforce: room: tag with a clock of 670")
+    assert [each["frequency_hz"] for each in monitor.status()["room"]] == [670.2, 90.0]
+
+
+def test_symbol_from_a_file_is_part_of_the_request(tmp_path):
+    """The process that has the device must be given the symbol, not only its name."""
+    n = np.arange(96)
+    np.save(tmp_path / "own.npy", np.exp(2j * np.pi * (n**2 / 192 - n / 2)))
+    sounding = {"waveform": "own.npy", "frame_length": 400, "repetitions": 3}
+    scene = load_scene(scene_file(tmp_path, [], 700, 0.4, sounding=sounding))
+    sent = pickle.dumps(RadioRequest.of_scene(scene, "addr=1"))
+    (tmp_path / "own.npy").unlink()
+    frame = pickle.loads(sent).frames["waveform"].frame()
+    assert np.array_equal(frame, scene.waveform().frame()) and np.count_nonzero(frame) == 288
 
 
 def test_session_counts_no_samples_until_its_flowgraph_runs():
