@@ -142,24 +142,6 @@ def test_device_malformed_and_foreign_packets_counted_and_ignored(software_usrp)
     assert sink.nitems_read(0) == 100_000
 
 
-def test_devices_at_two_addresses_run_together(software_usrp):
-    devices = [software_usrp("--air", "counter") for _ in range(2)]
-    stream = uhd.stream_args(cpu_format="sc16", channels=[0])
-    sources = [uhd.usrp_source(device.args, stream) for device in devices]
-    flowgraph, sinks = gr.top_block(), []
-    for k, source in enumerate(sources):
-        source.set_samp_rate(5e6)
-        source.set_time_now(uhd.time_spec(10 * k))
-        source.set_start_time(uhd.time_spec(10 * k + 2))
-        sinks.append(blocks.vector_sink_s(2))
-        flowgraph.connect(source, blocks.head(4, 200_000), sinks[-1])
-    flowgraph.run()
-    for k, sink in enumerate(sinks):
-        low, high = np.array(sink.data()).reshape(-1, 2).T.astype(np.int64)
-        expected = (10 * k + 2) * 5e6 + np.arange(200_000)
-        assert np.array_equal((low & 0xFFFF) | high << 16, expected)
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_device_signal_stops_it_and_frees_its_ports(software_usrp, number):
     device = software_usrp("--air", "cable")

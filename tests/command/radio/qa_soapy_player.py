@@ -77,12 +77,12 @@ def wrong(row, lost_s):
     return None
 
 
-@pytest.mark.long
-def test_soapy_lost_samples_never_give_a_wrong_unflagged_reading(played, tmp_path):
+def test_soapy_lost_samples_never_give_a_wrong_unflagged_reading(played, tmp_path, long_run):
     """Without times, frames and the tag's clock show what was lost."""
     cases = {
         name: start(*played, arguments, "-o", tmp_path / f"{name}.csv", "--duration", 2)
         for name, (arguments, *_) in LOSSES.items()
+        if long_run or name == "timed"
     }
     statuses, said = run_session("refused", *map(json.dumps, cases.values()))
     assert statuses == [0] * len(cases), said
@@ -113,7 +113,7 @@ def test_soapy_random_losses_without_times_never_give_a_wrong_unflagged_reading(
     flagged = clear = 0
     for batch in range(20 if long_run else 1):
         runs, lost = [], []
-        for n in range(3 if long_run else 2):
+        for n in range(3 if long_run else 1):
             at = np.sort(rng.uniform(0.35, 1.9, rng.integers(1, 4)) * RATE).astype(int)
             any_number = rng.integers(1, 20_000, len(at))
             special = rng.choice([1, FRAME, 2 * symbol, 9 * FRAME + 1, FRAME - 1], len(at))
@@ -133,23 +133,6 @@ def test_soapy_random_losses_without_times_never_give_a_wrong_unflagged_reading(
             clear += sum(not row["flags"] for row in rows)
     # A reader that flags everything would pass.
     assert clear > flagged / 2, (clear, flagged)
-
-
-def test_soapy_unsuitable_radios_refused_in_one_line(played):
-    cases = [
-        (["full=0"], ["--args", "full-duplex", "not both"]),
-        (["tx=0"], ["--args", "full-duplex", "receives only"]),
-        (["time=0", "--bandwidth", 2e6], ["--bandwidth", "fixed"]),
-        (["time=0", "--reference", "external"], ["--reference", "must not be given"]),
-        (["time=0", "--tx-antenna", "C"], ["--tx-antenna", "A, B"]),
-    ]
-    options = [start(*played, *case) for case, _ in cases]
-    options.append(["--scene", "demo", *options[0][2:-1], options[0][-1].replace("full=0", "")])
-    cases.append(([], ["sample_rate_hz", "nearest: 3000000"]))
-    statuses, said = run_session("refused", *map(json.dumps, options))
-    assert statuses == [2] * len(cases), said
-    for line, (_, words) in zip(said.splitlines(), cases, strict=True):
-        assert all(word in line for word in words), line
 
 
 def test_soapy_free_running_transmitter_is_read_with_two_antennas(tmp_path, long_run):
