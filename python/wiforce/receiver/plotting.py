@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -91,8 +90,6 @@ def plot(
             real = [row for row in _rows("truth", truth, _NEEDED) if row["sensor"] == sensor]
             _plot_truth(axes, real, i == 0)
     _plot_flagged(axes, flagged)
-    if rows and truth is None and not np.isfinite(_force(rows)).any():
-        _explain_missing_forces(axes, rows)
     axes[1].set_ylim(bottom=0, top=length_mm)
     for axis, label in zip(axes, _LABELS, strict=True):
         axis.set_ylabel(label)
@@ -129,11 +126,7 @@ def _rows(name: str, table: Any, needed: Sequence[str]) -> _Rows:
 
 
 def _flagged(row: Mapping[str, Any]) -> bool:
-    return bool(set(_words(row)) - {Flag.REFERENCE.word})
-
-
-def _words(row: Mapping[str, Any]) -> list[str]:
-    return (row.get("flags") or "").split()
+    return bool(set((row.get("flags") or "").split()) - {Flag.REFERENCE.word})
 
 
 def _column(rows: _Rows, name: str) -> np.ndarray:
@@ -172,23 +165,6 @@ def _plot_sensor(axes: Sequence[Any], rows: _Rows, style: Mapping[str, str], lab
     axes[3].plot(time, _column(rows, "snr_db"), ls="", ms=2.5, **style)
 
 
-def _explain_missing_forces(axes: Sequence[Any], rows: _Rows) -> None:
-    """Name the flags of readings of which none has a force: bare axes look like a failure."""
-    counts = Counter(word for row in rows for word in _words(row))
-    words = ", ".join(f"{word} ({count})" for word, count in counts.most_common()) or "none"
-    axes[0].text(
-        0.5,
-        0.5,
-        f"no reading has a force; flags: {words}",
-        ha="center",
-        va="center",
-        transform=axes[0].transAxes,
-    )
-    time = _column(rows, "time_s")
-    for axis in axes:
-        axis.set_xlim(time.min(), max(time.max(), time.min() + 1.0))
-
-
 def _plot_truth(axes: Sequence[Any], rows: _Rows, labelled: bool) -> None:
     time, touched = _column(rows, "time_s"), _column(rows, "touch") == 1
     for axis, name, untouched in ((axes[0], "force_n", 0.0), (axes[1], "location_mm", np.nan)):
@@ -197,29 +173,19 @@ def _plot_truth(axes: Sequence[Any], rows: _Rows, labelled: bool) -> None:
 
 
 def _plot_flagged(axes: Sequence[Any], flagged: Sequence[tuple[str, _Rows]]) -> None:
-    """Cross out flagged readings, at the edge where they lie outside the axis of all others."""
-    everyone = [row for _, rows in flagged for row in rows]
+    """Cross out flagged readings, on the axes of all others where there are others."""
     for axis, column in ((axes[0], _force), (axes[1], partial(_column, name="location_mm"))):
-        values = column(everyone)
-        values = values[np.isfinite(values)]
-        if np.any(np.isfinite(axis.dataLim.get_points())) or not len(values):
-            limits = axis.get_ylim()
-        else:  # there is no other
-            limits = np.min(values) - 1, np.max(values) + 1
-        limits = -0.05 * limits[1] if axis is axes[0] else limits[0], limits[1]
+        limits = axis.get_ylim() if np.any(np.isfinite(axis.dataLim.get_points())) else None
         for number, (label, rows) in enumerate(flagged):
             own = column(rows)
             known = np.isfinite(own)
-            if np.any(own[known] != np.clip(own[known], *limits)):
-                label += "\n(at an edge: beyond it)"
-            if np.any(known):  # Matplotlib gives markers outside the axis no size without any
+            if np.any(known):
                 axis.plot(
                     _column(rows, "time_s")[known],
-                    np.clip(own[known], *limits),
+                    own[known],
                     "x",
                     ms=6,
                     color=series_style(number)["color"],
-                    clip_on=False,
                     label=label,
                 )
         axis.set_ylim(limits)

@@ -31,8 +31,6 @@ _SWEPT_BAND = 0.8
 # Root over length of the Zadoff-Chu sequence: that of the primary synchronisation signal of LTE, 25
 # of 63 (3GPP TS 36.211, 6.11.1).
 _ROOT = 25 / 63
-# Samples between two of a symbol at which its analogue envelope is evaluated.
-_OVERSAMPLING = 8
 
 
 def repeated_symbol(length: int) -> np.ndarray:
@@ -83,16 +81,6 @@ def used_subcarriers(symbol: np.ndarray) -> np.ndarray:
     power = np.abs(np.fft.fft(symbol)) ** 2
     k = np.arange(-((length - 1) // 2), (length + 1) // 2)
     return k[(k != 0) & (power[k % length] >= LEAST_POWER * power.max())]
-
-
-def peak_to_average_db(symbol: np.ndarray) -> float:
-    """PAPR in dB of the band-limited signal through the samples of a repeated symbol."""
-    length = len(symbol)
-    spectrum, half = np.fft.fft(symbol), (length + 1) // 2
-    wide = np.zeros(_OVERSAMPLING * length, complex)
-    wide[:half], wide[half - length :] = spectrum[:half], spectrum[half:]
-    power = np.abs(np.fft.ifft(wide)) ** 2
-    return float(10 * np.log10(power.max() / power.mean()))
 
 
 def checked_symbol(values: np.ndarray, where: object) -> np.ndarray:

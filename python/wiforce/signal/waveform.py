@@ -12,7 +12,6 @@ from .symbols import (
     LONGEST_SYMBOL,
     SHORTEST_SYMBOL,
     SYMBOLS,
-    peak_to_average_db,
     read_symbol,
     used_subcarriers,
 )
@@ -128,11 +127,6 @@ class Waveform:
         """Index of subcarrier -k for each k, -1 where it is not occupied; shape (K,)."""
         order = {k: index for index, k in enumerate(self.subcarriers.tolist())}
         return np.array([order.get(-k, -1) for k in self.subcarriers.tolist()])
-
-    @cached_property
-    def peak_to_average_db(self) -> float:
-        """Peak to average power ratio of the symbol while it repeats, in dB."""
-        return peak_to_average_db(self.symbol)
 
     @property
     def snapshot_period_s(self) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...io.capture.recordings import Capture
-from ...io.capture.samples import COMPONENTS, FULL_SCALE, plausible_share
+from ...io.capture.samples import FULL_SCALE, plausible_share
 from ...signal.waveform import WAVEFORMS, Waveform, sounding_waveform
 from ..groups import Array
 from .frame import (
@@ -155,11 +155,6 @@ def other_frames(samples: Array, waveform: Waveform, likeness: float = 0.0) -> s
     symbol = waveform.symbol
     if find_frame_period(samples, waveform, symbol.conj()).likeness > clear:
         return _SWAPPED
-    own = "ci16_le" if _are_codes(samples) else "cf32_le"
-    data = _data_of(samples, own)
-    for name, component in COMPONENTS.items():
-        if name != own and find_frame_period(_read_as(data, component), waveform).likeness > clear:
-            return f"the samples are {name}, but are read as {own}; convert them, or state the type"
     for ratio in SAMPLE_RATE_RATIOS:
         found = find_frame_period(samples, waveform, _resampled(symbol, ratio))
         if found.samples is not None and found.likeness > clear:
@@ -170,34 +165,6 @@ def other_frames(samples: Array, waveform: Waveform, likeness: float = 0.0) -> s
                 f"(radio.sample_rate_hz is {waveform.sample_rate_hz:.12g})"
             )
     return ""
-
-
-def _are_codes(samples: Array) -> bool:
-    """Whether samples of full scale 1 are 16-bit integers that were divided by it."""
-    values = samples.view(np.float32)
-    if not np.all(np.abs(values) <= 1):
-        return False
-    codes = values * FULL_SCALE
-    return bool(np.all(codes == np.rint(codes)))
-
-
-def _data_of(samples: Array, datatype: str) -> bytes:
-    """Bytes that gave samples (n,) when they were read as a type."""
-    values = samples.view(np.float32)
-    if datatype == "ci16_le":
-        values = np.rint(values * FULL_SCALE)
-    return values.astype(COMPONENTS[datatype]).tobytes()
-
-
-def _read_as(data: bytes, component: str) -> Array:
-    """Samples (n,) of bytes by the type of their components; 0 where they are no numbers."""
-    # The likeness of a preamble squares them.
-    with np.errstate(all="ignore"):
-        values = np.frombuffer(data[: len(data) // 8 * 8], component).astype(np.float32)
-        values = np.where(np.isfinite(values * values), values, 0)
-    if component == "u1":
-        values -= 128
-    return values.view(np.complex64)
 
 
 def _other_waveforms(waveform: Waveform) -> Iterator[Waveform]:

@@ -27,16 +27,6 @@ _KINDS = (
     ItemType("fc32", "cf32_le", 8, np.complex64),
     ItemType("sc16", "ci16_le", 4, (np.int16, 2)),
 )
-# Components of samples by the name of their type in SigMF: those that files of radios have. The
-# types above are read.
-COMPONENTS = {
-    "cf32_le": "<f4",
-    "cf32_be": ">f4",
-    "ci16_le": "<i2",
-    "ci16_be": ">i2",
-    "ci8": "i1",
-    "cu8": "u1",
-}
 ITEM_TYPES = {kind.name: kind for kind in _KINDS}
 DATATYPES = {kind.datatype: kind for kind in _KINDS}
 
