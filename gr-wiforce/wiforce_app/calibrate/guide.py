@@ -354,15 +354,16 @@ def guide(table, guided, settings):
     except InputError as error:
         raise error.renamed(_OPTION_OF) from None
     scale = [guided.pop(name) for name in ("scale", "scale_unit", "baud")]
-    with CalibrationSession(plan, table, settings) as session, ExitStack() as opened:
-        finished = False
-        try:
+    session = CalibrationSession(plan, table, settings)
+    finished = False
+    try:
+        with ExitStack() as opened:
             gauge = None if scale[0] is None else opened.enter_context(closing(open_scale(*scale)))
             finished = _measure(session, scene, gauge, **guided)
-        finally:
-            if not finished and session.presses:
-                stored = f"presses stored in {session.path}: {len(session.presses)}"
-                click.echo(f"\n{stored}; the same command continues.")
+    finally:
+        if not finished and session.presses:
+            stored = f"presses stored in {session.path}: {len(session.presses)}"
+            click.echo(f"\n{stored}; the same command continues.")
     return plan.frequency_hz if finished else None
 
 

@@ -3,10 +3,8 @@
 
 import csv
 import datetime
-import fcntl
 import io
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +14,14 @@ import numpy as np
 
 from ..errors import InputError, unwritable
 from ..io.readings import WEAK_PHASE_DEG, Reading
-from ..io.text.textfile import cell_number, check_output, read_csv
+from ..io.text.textfile import (
+    MAX_CSV_BYTES,
+    cell_number,
+    check_output,
+    read_bytes,
+    read_csv,
+    write_whole,
+)
 from ..sensor import line
 from ..sensor.curves import CurveModel
 from ..sensor.line import MAX_FORCE_N
@@ -241,10 +246,10 @@ class SessionPlan:
 
 @dataclass
 class CalibrationSession:
-    """A guided calibration; each measurement is on the disk before the next is taken.
+    """A guided calibration; each measurement is in its file before the next is taken.
 
-    A file of the same sensor, held by one process, is continued without a last row that was cut
-    off. ``settings`` are those of :func:`.calibration.calibrate`.
+    A file of the same sensor is continued. ``settings`` are those of
+    :func:`.calibration.calibrate`.
     """
 
     plan: SessionPlan
@@ -254,25 +259,18 @@ class CalibrationSession:
     def __post_init__(self) -> None:
         check_output(self.path)
         self.measurements: list[PressMeasurement] = []
-        self._ends: list[int] = []  # of the rows, in bytes
         self._skipped: set[Target] = set()
-        try:
-            self._file = open(self.path, "a+b", buffering=0)
-        except OSError as error:
-            raise unwritable(self.path, error) from error
-        try:
-            self._restore()
-        except BaseException:
-            self._file.close()
-            raise
+        self._data = self._stored()
+        lines = self._data.splitlines()
+        if lines and lines[0].strip() != ",".join(_COLUMNS).encode():
+            rule = "must be a new file, or one that `calibrate --live` has written"
+            raise InputError(self.path, rule, lines[0][:60].decode("utf-8", "replace").strip())
+        if len(lines) > 1:
+            _, rows = read_csv(self.path)
+            self.measurements = [self._measurement(number, row) for number, row in rows]
 
-    def __enter__(self) -> "CalibrationSession":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if os.fstat(self._file.fileno()).st_size == 0:
-            Path(self.path).unlink(missing_ok=True)
-        self._file.close()
+    def _stored(self) -> bytes:
+        return read_bytes(self.path, MAX_CSV_BYTES) if Path(self.path).exists() else b""
 
     @property
     def presses(self) -> Sequence[PressMeasurement]:
@@ -319,24 +317,7 @@ class CalibrationSession:
         else:
             self.check_force(measurement.force_n)
             self._check_jump(measurement)
-        if not self._ends:
-            self._write(_COLUMNS)
-        m, number = measurement, "{:.4f}".format
-        self._write(
-            [
-                m.time_utc,
-                self.plan.sensor,
-                f"{self.plan.frequency_hz / 1e6:.12g}",
-                "" if m.untouched else f"{m.location_mm:.6g}",
-                number(m.force_n),
-                "" if math.isnan(m.force_std_n) else number(m.force_std_n),
-                *map(number, m.phase_deg),
-                *map(number, m.phase_std_deg),
-                m.groups,
-                "" if m.untouched else m.sweep,
-            ]
-        )
-        self.measurements.append(measurement)
+        self._save([*self.measurements, measurement])
 
     def _check_untouched(self, measurement: PressMeasurement) -> None:
         """Presses of several runs refer to one untouched sensor."""
@@ -372,9 +353,9 @@ class CalibrationSession:
         """Remove the last measurement, and return it; None when there is none."""
         if not self.measurements:
             return None
-        self._ends.pop()
-        self._file.truncate(self._ends[-1])
-        return self.measurements.pop()
+        *kept, removed = self.measurements
+        self._save(kept)
+        return removed
 
     def done(self) -> tuple[int, int]:
         """Planned measurements that are taken, and all of them."""
@@ -398,41 +379,33 @@ class CalibrationSession:
             return []
         return self.model().provenance.get("suspicions", [])
 
-    def _write(self, cells: Sequence[object]) -> None:
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerow(cells)
-        data = text.getvalue().encode()
+    def _save(self, measurements: list[PressMeasurement]) -> None:
+        """Replace the file by one with these measurements."""
+        if self._stored() != self._data:
+            raise InputError(self.path, "was changed by another program since it was written")
+        text, number = io.StringIO(), "{:.4f}".format
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(_COLUMNS)
+        for m in measurements:
+            writer.writerow(
+                [
+                    m.time_utc,
+                    self.plan.sensor,
+                    f"{self.plan.frequency_hz / 1e6:.12g}",
+                    "" if m.untouched else f"{m.location_mm:.6g}",
+                    number(m.force_n),
+                    "" if math.isnan(m.force_std_n) else number(m.force_std_n),
+                    *map(number, m.phase_deg),
+                    *map(number, m.phase_std_deg),
+                    m.groups,
+                    "" if m.untouched else m.sweep,
+                ]
+            )
         try:
-            written = 0
-            while written < len(data):
-                written += self._file.write(data[written:])
-            os.fsync(self._file.fileno())
+            write_whole(self.path, text.getvalue())
         except OSError as error:
-            self._file.truncate(self._ends[-1] if self._ends else 0)
             raise unwritable(self.path, error) from error
-        self._ends.append(os.fstat(self._file.fileno()).st_size)
-
-    def _restore(self) -> None:
-        """Lock the file, and read the rows of an existing one."""
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(self.path, "is in use by another calibration") from None
-        self._file.seek(0)
-        lines = self._file.read().splitlines(keepends=True)
-        header = ",".join(_COLUMNS).encode()
-        if len(lines) == 1 and header.startswith(lines[0]):
-            lines = []
-        elif lines and lines[0].strip() != header:
-            rule = "must be a new file, or one that `calibrate --live` has written"
-            raise InputError(self.path, rule, lines[0][:60].decode("utf-8", "replace").strip())
-        elif lines and not lines[-1].endswith(b"\n"):
-            lines.pop()
-        self._ends = np.cumsum([len(line) for line in lines], dtype=int).tolist()
-        self._file.truncate(self._ends[-1] if lines else 0)
-        if len(lines) > 1:
-            _, rows = read_csv(self.path)
-            self.measurements = [self._measurement(number, row) for number, row in rows]
+        self._data, self.measurements = text.getvalue().encode(), measurements
 
     def _measurement(self, number: int, row: dict[str, str]) -> PressMeasurement:
         where = f"{self.path}: row {number}"

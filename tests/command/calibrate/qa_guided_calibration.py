@@ -71,9 +71,9 @@ def path(tmp_path):
 def run(sensor, path, answers=(), prompts=None, scale=None):
     """Whether the dialogue came to its end, what it showed, and the session's measurements."""
     script = Script(sensor, answers, prompts, types=scale is None)
-    with CalibrationSession(PLAN, path) as session:
-        finished = GuidedCalibration(session, sensor, script, script.echo, scale).run()
-        return finished, script.shown, session.measurements
+    session = CalibrationSession(PLAN, path)
+    finished = GuidedCalibration(session, sensor, script, script.echo, scale).run()
+    return finished, script.shown, session.measurements
 
 
 def test_careful_person_is_led_to_a_complete_session(sensor, path):
@@ -147,12 +147,12 @@ def test_location_left_early_does_not_cost_the_sensor(tmp_path, monkeypatch, for
     """An hour of work at four locations would be refused for the fifth."""
     path, output = tmp_path / "arm.taps.csv", tmp_path / "arm.yaml"
     held = HandHeldSensor()
-    with CalibrationSession(SessionPlan("arm", 900e6), path) as session:
-        session.add(measure_untouched(held.readings(), 0.6))
-        for location_mm in (20.0, 30.0, 40.0, 50.0, 60.0):
-            for held.force_n in (1.0, 2.0, 4.0, 6.0, 8.0) if location_mm < 60 else forces_n:
-                held.location_mm = location_mm
-                session.add(measure_press(held.readings(), location_mm, held.force_n, 0.6))
+    session = CalibrationSession(SessionPlan("arm", 900e6), path)
+    session.add(measure_untouched(held.readings(), 0.6))
+    for location_mm in (20.0, 30.0, 40.0, 50.0, 60.0):
+        for held.force_n in (1.0, 2.0, 4.0, 6.0, 8.0) if location_mm < 60 else forces_n:
+            held.location_mm = location_mm
+            session.add(measure_press(held.readings(), location_mm, held.force_n, 0.6))
     monkeypatch.setattr("wiforce_app.calibrate.calibrate.guide", lambda *_: 900e6)
     command = [path, "-o", output, "--live", "--scene", "demo", "--args", "addr=127.0.0.1"]
     done = CliRunner().invoke(calibrate, list(map(str, command)))
@@ -191,9 +191,9 @@ def test_sensor_that_is_still_pressed_is_not_taken_as_untouched(sensor, path):
         return line
 
     script.next = press_on
-    with CalibrationSession(PLAN, path) as session:
-        assert GuidedCalibration(session, sensor, script, script.echo).run()
-        assert len(session.measurements) == 12
+    session = CalibrationSession(PLAN, path)
+    assert GuidedCalibration(session, sensor, script, script.echo).run()
+    assert len(session.measurements) == 12
     assert script.shown.count("must be released; a touch in 14 of 14 readings") == 1
 
 
