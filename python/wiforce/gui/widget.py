@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyqtgraph as pg
 from PyQt5.QtCore import QSize, Qt, QTimer, pyqtSignal
-from PyQt5.QtGui import QFontMetrics, QPalette, QResizeEvent
+from PyQt5.QtGui import QPalette, QResizeEvent
 from PyQt5.QtWidgets import (
     QHBoxLayout,
     QLabel,
@@ -71,8 +71,6 @@ def _shown(reading: Reading, name: str) -> float | None:
 # The force axis shows at least this much, so that it does not magnify noise around 0 N.
 _LEAST_FORCE_N = 1.0
 _MARK_PX = 6
-# Widest spacing of labels first.
-_LOCATION_STEPS = (1, 2, 4)
 
 
 class History(QWidget):
@@ -91,6 +89,7 @@ class History(QWidget):
         self._location = time_plot("location (mm)")
         self._location.setLabel("bottom", "time (s), \u00d7 flagged")
         self._location.setYRange(0, length_mm, padding=0.05)
+        self._location.getAxis("left").setTickSpacing(length_mm, length_mm)
         self._force.setXLink(self._location)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -125,16 +124,6 @@ class History(QWidget):
         self._force.setYRange(0, largest, padding=0.08)
         start = max(0.0, newest - self._history_s)
         self._location.setXRange(start, max(newest, start + 1.0), padding=0)
-        self._label_locations()
-
-    def _label_locations(self) -> None:
-        """Label as many locations as there is room for."""
-        axis = self._location.getAxis("left")
-        px_per_mm = axis.height() / (axis.range[1] - axis.range[0])
-        spacings = [self._length_mm / steps for steps in _LOCATION_STEPS]
-        room = QFontMetrics(axis.font()).ascent() / px_per_mm if px_per_mm else np.inf
-        spacing = min([spacing for spacing in spacings if spacing >= room], default=spacings[0])
-        axis.setTickSpacing(spacing, spacing)
 
     def _largest_force(self, track: Track) -> float:
         """The largest reliable force; without one, the span if there are unreliable ones."""
@@ -383,8 +372,7 @@ class ForceDisplay(Display):
         self._tare.setText("Measuring..." if measuring else "Tare")
         self._tare.setEnabled(not measuring)
         text = tare_outcome(state)
-        if text != self._outcome.toolTip():
-            self._outcome.setToolTip(text)
+        self._outcome.setToolTip(text)
         width = max(0, self.width() - self._time.width() - self._tare.width() - 30)
         self._outcome.setText(self._outcome.fontMetrics().elidedText(text, Qt.ElideRight, width))
 

@@ -91,14 +91,11 @@ def test_display_press_is_drawn_at_location_with_length_of_force(display, qt):
     assert heights[1] > 2 * heights[0]
 
 
-def test_values_have_two_standard_deviations_and_units():
+def test_reading_as_text_has_two_standard_deviations_units_and_flags():
     reading = Reading(**PRESSED | {"flags": ()})
     assert reading.press() == "4.00 +- 0.20 N at 40.00 +- 1.00 mm"
     assert reading.press(bounds=False) == "4.00 N at 40.00 mm"
     assert style.notes(reading) == "SNR 12.0 dB"
-
-
-def test_values_unknown_are_not_numbers():
     assert Reading(1.0, "arm").press() == "touch unknown"
     assert Reading(1.0, "arm", touch=0).press() == "untouched"
     lost = Reading(1.0, "arm", touch=1, location_mm=30.0, flags=("force-unobservable",))
@@ -110,11 +107,11 @@ def test_values_unknown_are_not_numbers():
 ODD_VALUES = [None, math.nan, math.inf, -math.inf, -3.0, 1e9, "4", True, []]
 
 
-@pytest.mark.parametrize("key", [k for k in PRESSED if k != "flags"])
-def test_display_absurd_values_are_tolerated(display, qt, key):
-    for value in ODD_VALUES:
-        picture(display, qt, PRESSED | {key: value})
-    picture(display, qt, {k: v for k, v in PRESSED.items() if k != key})
+def test_display_absurd_values_are_tolerated(display, qt):
+    for key in PRESSED.keys() - {"flags"}:
+        for value in ODD_VALUES:
+            display.add(PRESSED | {key: value})
+        picture(display, qt, {k: v for k, v in PRESSED.items() if k != key})
     picture(display, qt, PRESSED)
     assert display.latest("arm").force_n == 4.0
 
@@ -142,15 +139,9 @@ def test_display_silent_sensor_turns_grey_and_is_removed(display, qt, monkeypatc
     assert len(colors) == 2
 
 
-def test_track_earlier_time_starts_new_history():
-    kept = widget.Track(20.0)
-    for time_s in (1.0, 2.0, 3.0, 0.5):
-        kept.add(Reading(time_s, "arm", touch=1, force_n=time_s))
-    assert kept.series("force_n")[0].tolist() == [0.5]
-
-
-def test_track_history_keeps_span_and_gaps():
+def test_track_keeps_the_span_of_one_run_and_its_gaps():
     kept = widget.Track(2.0)
+    kept.add(Reading(9.0, "arm", touch=1, force_n=9.0))  # of a run before
     for time_s in range(6):
         force_n = None if time_s == 4 else float(time_s)
         flags = ("transition",) if time_s == 3 else ()
@@ -190,15 +181,6 @@ def test_display_flagged_readings_are_crosses_that_do_not_stretch_the_axis(displ
         assert max(crosses) <= limit < 1.2 * max(crosses)
 
 
-def test_display_flagged_readings_alone_are_seen_within_the_span(display, qt):
-    """While every reading is weak, the force must still be visible."""
-    for time_s, force_n in ((1.0, 3.0), (1.1, 5.0), (1.2, 40.0)):
-        picture(display, qt, PRESSED | {"time_s": time_s, "force_n": force_n, "flags": "weak"})
-    _, marks, limit = drawn(display, 0)
-    np.testing.assert_array_equal(marks, [3.0, 5.0, 8.0])
-    assert 8.0 < limit < 9.6
-
-
 def test_display_readings_from_other_thread_faster_than_refresh_are_shown(display, qt):
     def send():
         for n in range(5000):
@@ -212,8 +194,9 @@ def test_display_readings_from_other_thread_faster_than_refresh_are_shown(displa
     assert display.latest("arm").time_s == pytest.approx(4.999)
 
 
-@pytest.mark.parametrize("parameter", ["length_mm", "force_span_n", "history_s"])
-@pytest.mark.parametrize("value", [0, -1, math.nan, math.inf])
+@pytest.mark.parametrize(
+    ("parameter", "value"), [("length_mm", 0), ("force_span_n", math.nan), ("history_s", math.inf)]
+)
 def test_display_invalid_size_raises(qt, parameter, value):
     with pytest.raises(InputError, match=f"{parameter}: must be positive"):
         wiforce.ForceDisplay(**{parameter: value})
