@@ -92,10 +92,10 @@ tone_accumulator::tone_accumulator(const std::vector<complex>& weights,
         }
         d_weight_sums.push_back(std::accumulate(first, end, complex()));
     }
-    d_real_rows = parts.size();
-    d_padded_rows = (d_real_rows + ROW_BLOCK - 1) / ROW_BLOCK * ROW_BLOCK;
+    const int real_rows = parts.size(); // sums taken over the snapshots
+    d_padded_rows = (real_rows + ROW_BLOCK - 1) / ROW_BLOCK * ROW_BLOCK;
     d_weights.assign(std::size_t(d_length) * d_padded_rows, 0.0f);
-    for (int r = 0; r < d_real_rows; r++)
+    for (int r = 0; r < real_rows; r++)
         for (int n = 0; n < d_length; n++) {
             const auto [from, imaginary] = parts[r];
             d_weights[std::size_t(n) * d_padded_rows + r] =

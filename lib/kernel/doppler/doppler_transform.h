@@ -79,7 +79,6 @@ public:
                      int symbol_length = DEFAULT_SYMBOL_LENGTH);
 
     int rows() const override { return static_cast<int>(d_tones.size()); }
-    int real_rows() const { return d_real_rows; } // sums taken over the snapshots
 
     void transform(const phase_group& group, fc32* tones) override;
     // Of a complete group whose snapshots follow each other at `snapshots`.
@@ -110,7 +109,6 @@ private:
     const std::vector<complex> d_table;
     std::vector<tone> d_tones;
     std::vector<complex> d_weight_sums; // of whole groups
-    int d_real_rows = 0;
     int d_padded_rows = 0;
     std::vector<float> d_weights; // group_length x padded rows
     std::vector<float> d_sums;    // padded rows x width

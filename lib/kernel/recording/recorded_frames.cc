@@ -34,12 +34,9 @@ struct sigaction former;
 void replace_page(int signal, siginfo_t* info, void*)
 {
     const int error = errno;
-    const bool is_sent = info->si_code <= 0; // by a process, without an access
-    if (is_sent || !looked_at || !looked_at->replace(info->si_addr)) {
+    if (!looked_at || !looked_at->replace(info->si_addr)) {
         sigaction(signal, &former, nullptr);
         former = {};
-        if (is_sent)
-            raise(signal);
     }
     errno = error;
 }
