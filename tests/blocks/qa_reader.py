@@ -9,7 +9,6 @@ import pytest
 from chain_runs import readings_of_reader
 from device_times import rx_time
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.errors import InputError
 from machine import wait_until
 from press_capture import (
     FRAME,
@@ -166,18 +165,3 @@ def test_reader_without_signal_reads_nothing(codes):
     readings = read(np.zeros_like(codes))
     assert len(readings) == 25
     assert all(r.touch is None and r.force_n is None for r in readings)
-
-
-@pytest.mark.parametrize(
-    "arguments, message",
-    [
-        ({"scene": SCENE, "input_type": "sc8"}, "input_type: must be one of"),
-        ({"scene": "none.yaml"}, "none.yaml: cannot be read"),
-        ({"scene": {"sensors": []}}, "sensors"),
-        ({"scene": SCENE, "frame_offset": -1}, "frame_offset"),
-    ],
-)
-def test_reader_invalid_parameter_is_refused(arguments, message):
-    with pytest.raises(ValueError, match=message) as refusal:
-        wiforce.reader(**arguments)
-    assert isinstance(refusal.value, InputError)

@@ -3,9 +3,7 @@
 
 import numpy as np
 import pmt
-import pytest
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.errors import InputError
 from machine import wait_until
 
 PRESSED = {
@@ -72,8 +70,3 @@ def test_floats_of_malformed_messages_are_omitted():
     odd = [{}, {"sensor": "arm"}, PRESSED | {"force_n": None, "location_mm": "40"}]
     found = streams([*odd, PRESSED], 2, unknown=-1.0)
     assert found[0].tolist() == [-1.0, 4.0] and found[2].tolist() == [-1.0, 40.0]
-
-
-def test_floats_repeat_below_one_is_refused():
-    with pytest.raises(InputError, match="repeat: must be 1 or more"):
-        wiforce.readings_to_floats(repeat=0)

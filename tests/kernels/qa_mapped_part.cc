@@ -150,16 +150,6 @@ BOOST_AUTO_TEST_CASE(handlers_that_call_each_other_end)
     BOOST_TEST(signal_that_ends(look_at_missing_page_of_chained_handlers) == SIGBUS);
 }
 
-BOOST_AUTO_TEST_CASE(the_signal_that_somebody_sends_ends_the_process)
-{
-    BOOST_TEST(signal_that_ends([] {
-                   std::signal(SIGBUS, SIG_DFL);
-                   const counted_file file;
-                   mapped_part part(file.number, "x");
-                   part.look(0, 1, [](const char*) { std::raise(SIGBUS); });
-               }) == SIGBUS);
-}
-
 BOOST_AUTO_TEST_CASE(a_file_that_cannot_be_mapped_is_named)
 {
     mapped_part part(-1, "x.bin");

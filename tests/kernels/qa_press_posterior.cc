@@ -283,23 +283,6 @@ BOOST_AUTO_TEST_CASE(model_whose_location_jumps_with_force_gives_a_reading)
     BOOST_TEST(std::isfinite(invert(posterior, -30, 30, 0.1).press.force));
 }
 
-BOOST_AUTO_TEST_CASE(workspace_used_before_gives_the_same_reading)
-{
-    const line sensor{ 8 };
-    const press_posterior posterior(sensor.table(), everywhere(), consistent);
-    press_posterior::workspace used;
-    for (int i = 0; i < 50; i++) {
-        const double phases[] = { std::fmod(37.7 * i, 360), std::fmod(61.3 * i, 360) },
-                     stds[] = { 0.5, 0.4 };
-        press_posterior::workspace fresh;
-        press_fit::press one, other;
-        const auto flags = posterior.invert({ phases, stds, nullptr }, used, one);
-        BOOST_TEST(posterior.invert({ phases, stds, nullptr }, fresh, other) == flags);
-        BOOST_TEST(one.force == other.force);
-        BOOST_TEST(one.location_variance == other.location_variance);
-    }
-}
-
 BOOST_AUTO_TEST_CASE(tables_of_the_wrong_size_are_refused)
 {
     const std::vector<double> two{ 1, 2 };

@@ -11,9 +11,6 @@ from gnuradio.wiforce.wiforce_kernels import (
     end_fit,
     group_weights,
     noise_estimate,
-    phase_information,
-    profile_check,
-    raised_subcarriers,
     whiten,
 )
 from plain import normal
@@ -108,42 +105,6 @@ def test_clock_likelihood_is_the_energy_in_the_lines_of_both_ends():
     np.testing.assert_allclose(found[:, 2], (after - 2 * at + before) / step**2, atol=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("mixed", "tones"),
-    [
-        ((2, 6, 6), (2, 6, 3)),
-        ((2, 6, 4), (3, 6, 3)),
-        ((2, 6, 4), (2, 8, 3)),
-        ((6, 4), (6, 3)),
-        ((2, 5, 4), (2, 5, 3)),
-    ],
-)
-def test_end_fit_refuses_arrays_of_other_shapes(mixed, tones):
-    """A kernel must not read beyond its arrays."""
-    with pytest.raises(ValueError, match="must have shape"):
-        end_fit(np.ones(mixed), np.ones(tones))
-
-
-def test_methods_refuse_arrays_of_other_shapes():
-    """A kernel must not read beyond its arrays."""
-    _, tones, fit = fitted(1)
-    kernel = clock_likelihood(np.ones((6, 4)), np.ones(4))
-    for call, arrays in (
-        (fit.solve, [tones[:2]]),
-        (noise_estimate(0.036).set, [np.ones((2, 3)), 1.0]),
-        (raised_subcarriers, [np.ones(5), 14]),
-        (raised_subcarriers, [np.ones((2, 0)), 14]),
-        (profile_check(2, 6).set_reference, [np.ones((2, 6))] * 2 + [np.ones((2, 0, 6))]),
-        (phase_information, [fit, np.ones(7)]),
-        (kernel.at, [np.ones(3), np.ones((3, 5, 6)), np.ones(6)]),
-        (kernel.at, [np.ones(3), np.ones((2, 4, 6)), np.ones(6)]),
-    ):
-        with pytest.raises(ValueError, match="must have shape"):
-            call(*arrays)
-    with pytest.raises(ValueError, match=r"must have shape \(6, 4\), got 20 values"):
-        clock_likelihood(np.ones((5, 4)), np.ones(4))
-
-
 CLOCKS_HZ, AVERAGING_S = (1000.0, 1790.0), 20.48e-6
 
 
@@ -168,33 +129,6 @@ def test_switched_tones_are_those_of_the_waveforms_in_numpy():
     assert np.abs(averages).max() > 0.01 and np.abs(slopes).max() > 0.01
     np.testing.assert_allclose(found[:, :, :4], averages, atol=1e-12)
     np.testing.assert_allclose(found[:, :, 4:], slopes, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    "clocks, pulses",
-    [((2, 1, 2), (1, 3)), ((2, 1, 3), (2, 3)), ((2, 1, 3), (1, 2)), ((1, 3), (1, 3))],
-)
-def test_mixer_refuses_arrays_of_other_shapes(clocks, pulses):
-    """A kernel must not read beyond its arrays."""
-    weights = group_weights(np.ones((5, 4)), np.arange(5.0), np.eye(4))
-    with pytest.raises(ValueError, match="must have shape"):
-        weights.switched(np.ones(clocks), np.ones(pulses))
-
-
-@pytest.mark.parametrize(
-    ("mixer", "times", "whitener"),
-    [
-        ((6, 4), 5, (4, 4)),
-        ((5,), 5, (0, 0)),
-        ((5, 4), 5, (3, 3)),
-        ((5, 3), 5, (3, 3)),
-        ((0, 4), 0, (4, 4)),
-    ],
-)
-def test_weights_refuse_arrays_of_other_shapes(mixer, times, whitener):
-    """Weights, times and whitener must be those of the same snapshots and tones."""
-    with pytest.raises(ValueError, match="must have"):
-        group_weights(np.ones(mixer), np.arange(float(times)), np.ones(whitener))
 
 
 def test_colored_parts_are_the_tones():

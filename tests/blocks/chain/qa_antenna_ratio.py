@@ -10,7 +10,6 @@ import pytest
 from command_runs import run_command, succeeded
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.capture.folded_groups import channel_ratio
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.names import second_antenna
 from gnuradio.wiforce.scene import load_scene
@@ -34,15 +33,6 @@ SCENE = {
         "presses": [{"start_s": 0.45, "rise_s": 0, "hold_s": 9, "force_n": 4, "location_mm": 33}],
     },
 }
-
-
-def test_channel_ratio_cancels_the_common_phase():
-    rng = np.random.default_rng(1)
-    first, second = rng.standard_normal((2, 40, 62)) + 1j * rng.standard_normal((2, 40, 62))
-    turns = np.exp(2j * np.pi * rng.random((40, 1)))
-    np.testing.assert_allclose(channel_ratio(turns * first, turns * second), first / second)
-    second[3] = 0
-    assert np.all(channel_ratio(first, second)[3] == 0)
 
 
 def test_antenna_ratio_block_gives_folded_vectors_of_the_ratio():

@@ -292,9 +292,3 @@ def test_clock_offset_without_lock_is_nan():
     run_flowgraph(source, block, sink)
     found = np.array(sink.data()).reshape(3, 2)
     np.testing.assert_array_equal(found, [[40, np.nan], [41.5, -65.25], [np.nan, np.nan]])
-
-
-@pytest.mark.parametrize("parameters", [{"sensors": 0}, {"length": 0}])
-def test_clock_offset_sizes_below_one_are_refused(parameters):
-    with pytest.raises(ValueError, match=f"{next(iter(parameters))}: must be at least 1"):
-        wiforce.clock_offset(**parameters)

@@ -279,16 +279,6 @@ def test_a_collected_group_goes_on_after_a_stop():
         assert np.array_equal(np.array(sink.data(), np.complex64).reshape(-1, 64), want)
 
 
-def test_other_tags_stay_behind():
-    samples = noise(10 * 720)
-    source = blocks.vector_source_c(samples.tolist(), False, 1, [rx_time(0, 1.0)])
-    fold, sink = wiforce.preamble_fold(frame_length=720), blocks.vector_sink_c(64)
-    run_flowgraph(source, fold, sink)
-    own = {"snapshot", "noise"}
-    assert [(t.offset, str(t.key)) for t in sink.tags() if str(t.key) not in own] == []
-    assert (0, "snapshot") in [(t.offset, str(t.key)) for t in sink.tags()]
-
-
 def test_times_that_are_no_times_are_ignored_and_counted():
     tags = [rx_time(0, 1.0)]
     for number, value in enumerate(NO_TIMES.values()):
