@@ -2,7 +2,6 @@
 """``gr-wiforce demo``: calibrate a line, simulate presses, read them, compare with the truth."""
 
 from importlib.util import find_spec
-from itertools import groupby
 from pathlib import Path
 
 import click
@@ -30,7 +29,7 @@ _CALIBRATION_NOISE_DEG = 0.2
 _FORCE_LIMIT_N = 0.15
 _LOCATION_LIMIT_MM = 0.3
 
-_SHOWN_EACH = 3  # of the readings of a press, one of so many is printed, as its heading says
+_SHOWN_EACH = 3  # of the readings, one of so many is printed, as the heading says
 
 # Files in the folder; the scene's first line marks those of an earlier demo.
 _FILES = (
@@ -153,29 +152,16 @@ def _run_library(capture, scene, on_reading):
 
 
 def _show(readings, truth):
-    """Print each stretch of untouched readings in a line, and every third reading of a press."""
+    """Print every third touched reading without a flag."""
     rows = {(round(row["time_s"], 4), row["sensor"]): row for row in truth}
-    click.echo("\none reading in three of each press; +-: two standard deviations")
-    click.echo("     time (s)      force (N)  truth     location (mm)  truth    flags")
-    for (touch, flags), alike in groupby(
-        readings, lambda each: (each.touch, () if each.touch else each.flags)
-    ):
-        found = list(alike)
-        if touch:
-            for reading in found[1::_SHOWN_EACH]:
-                click.echo(_pressed(reading, rows[(round(reading.time_s, 4), reading.sensor)]))
-        else:
-            said = "not touched" if touch == 0 else "no reading"
-            span = f"{found[0].time_s:.3f} to {found[-1].time_s:.3f}"
-            click.echo(f"  {span:>14}   {said:<44}{' '.join(flags)}")
-
-
-def _pressed(reading, row):
-    if reading.force_n is None:
-        return f"  {reading.time_s:14.3f}   {'no value':<44}{' '.join(reading.flags)}"
-    known = row["force_n"], row["location_mm"] if row["touch"] else float("nan")
-    return (
-        f"  {reading.time_s:14.3f}   {reading.force_n:5.2f} +-{2 * reading.force_std_n:4.2f}"
-        f" {known[0]:6.2f}   {reading.location_mm:6.2f} +-{2 * reading.location_std_mm:4.2f}"
-        f" {known[1]:6.2f}  {' '.join(reading.flags)}"
-    ).rstrip()
+    click.echo(
+        "\none reading in three of those touched and without a flag; +-: two standard deviations"
+    )
+    click.echo("     time (s)      force (N)  truth     location (mm)  truth")
+    for each in [each for each in readings if each.touch and not each.flags][::_SHOWN_EACH]:
+        row = rows[(round(each.time_s, 4), each.sensor)]
+        click.echo(
+            f"  {each.time_s:14.3f}   {each.force_n:5.2f} +-{2 * each.force_std_n:4.2f}"
+            f" {row['force_n']:6.2f}   {each.location_mm:6.2f} +-{2 * each.location_std_mm:4.2f}"
+            f" {row['location_mm']:6.2f}"
+        )

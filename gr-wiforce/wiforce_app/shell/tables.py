@@ -32,17 +32,11 @@ class Column:
 
 def table(rows: Iterable[Mapping[str, Any]], columns: Sequence[Column]) -> str:
     """Rows as a table."""
-    return table_of_cells(
-        [column.title for column in columns],
-        [[column.text(row) for column in columns] for row in rows],
-    )
-
-
-def table_of_cells(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Titles and the texts of each row as a table."""
-    widths = [max(3, *map(len, column)) for column in zip(head, *rows, strict=True)]
-    lines = [head, ["-" * width for width in widths], *rows]
-    return "\n".join(f"| {' | '.join(map(str.ljust, cells, widths))} |" for cells in lines)
+    head = [column.title for column in columns]
+    cells = [[column.text(row) for column in columns] for row in rows]
+    widths = [max(3, *map(len, column)) for column in zip(head, *cells, strict=True)]
+    lines = [head, ["-" * width for width in widths], *cells]
+    return "\n".join(f"| {' | '.join(map(str.ljust, line, widths))} |" for line in lines)
 
 
 def echo(result: Any, as_json: bool, *tables: Callable[[Any], str]) -> None:

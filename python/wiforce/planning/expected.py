@@ -310,23 +310,18 @@ def other_sensors_pressed(plan: Plan) -> Iterator[str]:
     scene, carrier_hz = plan.require_scene(), plan.center_frequency_hz
     if scene.surface is not None:
         return
-    tags, noise = scene.simulation.tags, phase_std_deg(plan)
-    pressed = _pressed_points(scene)
-    for sensor, tag, points, noise_deg in zip(plan.sensors, tags, pressed, noise, strict=True):
-        model = sensor.model
-        if points is None:
-            force_n, location_mm = _span(model).T
-            truth, where = scene.load_model(tag.truth_model), "over the calibrated span"
-            pressed_deg = _changes(truth, force_n, location_mm, carrier_hz)
-        else:
-            (force_n, location_mm), where = points[:, :2].T, "in the scene's presses"
-            pressed_deg = points[:, 2:4] - points[:, 4:6]
-        apart = wrap_deg(pressed_deg - _changes(model, force_n, location_mm, carrier_hz))
+    for sensor, tag, noise_deg in zip(
+        plan.sensors, scene.simulation.tags, phase_std_deg(plan), strict=True
+    ):
+        model, truth = sensor.model, scene.load_model(tag.truth_model)
+        force_n, location_mm = _span(model).T
+        pressed = _changes(truth, force_n, location_mm, carrier_hz)
+        apart = wrap_deg(pressed - _changes(model, force_n, location_mm, carrier_hz))
         std = model.model_std_deg(force_n, location_mm, carrier_hz)
         if _rms(apart / np.hypot(std, noise_deg)) > _UNEXPLAINED_STDS:
             yield (
                 f"simulation.truth_model {tag.truth_model} is another sensor than the model of "
-                f"'{sensor.name}': {where} their phases differ by "
+                f"'{sensor.name}': over the calibrated span their phases differ by "
                 f"{_rms(apart):.2g} deg, where the calibration states {_rms(std):.2g}; readings "
                 "will be wrong or flagged (remove truth_model if this is not meant)"
             )

@@ -205,14 +205,13 @@ def test_warnings_faulty_scene_names_fault(scene, warning):
     assert any(warning in found for found in warnings(plan(scene)))
 
 
-@pytest.mark.parametrize("presses", [[], [PRESS]])
 @pytest.mark.parametrize(
     "model, another", [("line-900mhz-calibrated", False), ("wiforce-900mhz", True)]
 )
-def test_pressing_another_sensor_than_the_one_that_is_read_is_stated(model, another, presses):
+def test_pressing_another_sensor_than_the_one_that_is_read_is_stated(model, another):
     """Who puts a sensor of their own into a scene would take errors of newtons for its own."""
     sensor = {"name": "arm", "model": model, "clock_hz": 1035}
-    pressed = {"truth_model": "line-900mhz", "presses": presses}
+    pressed = {"truth_model": "line-900mhz"}
     texts = [text for text in warnings(plan(scene_of([sensor], simulation=pressed)))]
     assert [text.startswith("simulation.truth_model line-900mhz") for text in texts] == [
         True
