@@ -17,12 +17,6 @@ from ..shell.options import CARRIER_HZ, FiniteRange, Number, sensor_names, senso
 from ..shell.plots import check_picture, save_picture
 from .guide import check_guided, guide, guided_options, table_of
 
-# What --frequency-hz says of a table that does not say it itself.
-_CARRIER_OF = {
-    "taps": "taps ({}) were read at one carrier; name it, as --frequency-hz 915e6",
-    "touchstone": "{} lists Touchstone files, which hold many carriers; name the one to calibrate "
-    "at, as --frequency-hz 915e6",
-}
 # What parameters of the library are called here.
 _OPTION_OF = {
     "length_mm": "--length-mm",
@@ -154,6 +148,7 @@ def calibrate(
     y_mm), and the spreading law is written to OUTPUT.
     """
     from gnuradio.wiforce import sensor
+    from gnuradio.wiforce.calibration.data import without_incomplete
     from gnuradio.wiforce.calibration.session import RULER_STD_MM
 
     settings = {key: guided.pop(key) for key in _SETTINGS}
@@ -182,7 +177,7 @@ def calibrate(
         if frequency_hz is None:
             return
     data = _read(sensor, table, kind, frequency_hz)
-    data = _without_incomplete(data) if live else data
+    data = without_incomplete(data) if live else data
     bench = None if refined is None else sensor.load_sensor(refined, frequency_hz=frequency_hz)
     line = {key: settings[key] for key in ("length_mm", "permittivity")}
     if bench is not None:
@@ -215,19 +210,6 @@ def calibrate(
     click.echo(f"written: {output}")
 
 
-def _without_incomplete(data):
-    """The table without locations that were left before they had enough forces."""
-    from gnuradio.wiforce.calibration.data import LEAST_FORCES, without_incomplete
-
-    complete = without_incomplete(data)
-    places, rest = (np.unique(each.location_mm[~each.untouched]) for each in (data, complete))
-    if len(rest) < 2 or len(rest) == len(places):
-        return data
-    listed = ", ".join(f"{place:g}" for place in np.setdiff1d(places, rest))
-    click.echo(f"left out: {listed} mm, with fewer than {LEAST_FORCES} forces")
-    return complete
-
-
 def _verdict(sensor, model, verdicts, suspected):
     """What the sensor is good for and what speaks against it, first of all."""
     for text in suspected:
@@ -252,8 +234,8 @@ def _read(sensor, table, stated_kind, frequency_hz):
     if kind == "vna":
         return sensor.read_vna_csv(table, frequency_hz)
     if frequency_hz is None:
-        other = "" if stated_kind else "; if the table is of another kind, give --kind"
-        raise InputError("--frequency-hz", f"is missing: {_CARRIER_OF[kind].format(table)}{other}")
+        rule = f"is missing: {table} does not state its carrier; give it, as 915e6"
+        raise InputError("--frequency-hz", rule)
     reader = {"touchstone": sensor.read_touchstone_index, "taps": sensor.read_tap_csv}[kind]
     return reader(table, frequency_hz)
 

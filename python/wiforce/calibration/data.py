@@ -56,9 +56,11 @@ def _forces_at(table: CalibrationTable) -> dict[float, list[np.ndarray]]:
 
 
 def without_incomplete(table: CalibrationTable) -> CalibrationTable:
-    """One carrier's rows but for locations with too few forces for curves at both ports."""
+    """One carrier's rows but for locations with too few forces, if others are left for curves."""
     forces = _forces_at(table).items()
     complete = [place for place, own in forces if min(map(len, own)) >= LEAST_FORCES]
+    if len(complete) < 2:
+        return table
     return table.take(table.untouched | np.isin(table.location_mm, complete))
 
 

@@ -44,7 +44,7 @@ class GaugeComparison:
     ``offset_s`` is the gauge's time at time 0 of the readings, its deviation by jackknife, 0 if
     given; ``other_offset_s`` fits nearly as well. ``sign`` and ``zero_n`` are the gauge's. Steady
     touched readings (m,) without flag are compared; steady groups may be ``flagged``, ``missed``,
-    ``false`` or ``unrecorded`` instead. ``unit_stated``: that N are sure.
+    ``false`` or ``unrecorded`` instead.
     """
 
     offset_s: float
@@ -61,7 +61,6 @@ class GaugeComparison:
     missed: int
     false: int
     unrecorded: int
-    unit_stated: bool = True
 
     @property
     def error_n(self) -> np.ndarray:
@@ -102,32 +101,13 @@ class GaugeComparison:
         }
 
     def __str__(self) -> str:
-        r = self.report()
-        lines = [
-            f"offset          {r['offset_s']:.4f} +- {2 * r['offset_std_s']:.4f} s (time of the "
-            f"gauge at time 0 of the readings; correlation {r['correlation']:.3f})",
-            f"gauge           zero {r['gauge_zero_n']:.3f} N, subtracted"
-            + ("; presses are negative, sign inverted" if r["gauge_sign"] < 0 else "")
-            + ("" if self.unit_stated else f"; {_NEWTONS}"),
-            f"compared        {r['compared']} unflagged readings between pressed ones",
-            f"force error     median {r['median_error_n']:.3f} N, rms {r['rms_error_n']:.3f}"
-            f" N, 90 % below {r['p90_error_n']:.3f} N, bias {r['bias_n']:+.3f} N",
-            f"gain            {r['gain']:.3f} N read per N of the gauge",
-            f"within 2 std    {r['within_2_std']:.0%} (95 % expected; the gauge's own error counts"
-            " as the reading's)",
-            f"not compared    {r['flagged']} flagged, {r['missed']} missed (clear, but read "
-            f"as untouched), {r['false']} touched while the gauge shows no press, "
-            f"{r['unrecorded']} where the gauge's record has a hole",
-        ]
-        if r["other_offset_s"] is not None:
-            lines.append(
-                f"ambiguous       an offset of {r['other_offset_s']:.2f} s fits nearly as well: "
-                "the presses repeat; state the right one with --offset"
-            )
+        """The report, a line each."""
+        lines = [f"{name:16}{value}" for name, value in self.report().items() if value is not None]
+        if self.other_offset_s is not None:
+            lines.append("the presses repeat: another offset fits nearly as well; state --offset")
         return "\n".join(lines)
 
 
-_NEWTONS = "newtons are assumed: state others with --unit (grams have a gain of 0.01)"
 # Readings and gauge must overlap by this share of the shorter one at any offset that is tried.
 _LEAST_OVERLAP = 0.5
 # Below this correlation the two did not record the same presses. Few presses of other shapes reach
@@ -169,14 +149,12 @@ def compare_with_gauge(
     expected = average.at(readings.time_s + offset_s)
     correlation = _correlation(readings.force_n, expected, readings.clear)
     if not abs(correlation) >= _LEAST_CORRELATION:
-        rule = f"must agree with the readings: the correlation is {correlation:.2f} at best"
-        step = "check that both are of one run, the columns, the sensor and the offset"
-        spans_s = [np.ptp(each.time_s) for each in (gauge, readings)]
-        if spans_s[0] < spans_s[1] / 2:
-            rule = f"must last from before the first press until after it: {spans_s[0]:.3g} s of "
-            rule += f"{spans_s[1]:.3g} s of readings do not tell the offset"
-            step = "record longer"
-        raise InputError("gauge", f"{rule}, at an offset of {offset_s:.3f} s; {step}")
+        raise InputError(
+            "gauge",
+            f"must agree with the readings: the correlation is {correlation:.2f} at best, at an "
+            f"offset of {offset_s:.3f} s; check that both are of one run, begin before the first "
+            "press and end after it, the columns, the sensor and the offset",
+        )
     sign = 1 if correlation > 0 else -1
     covered = np.isfinite(expected)
     idle = covered & readings.clear & ~readings.touched
@@ -204,7 +182,6 @@ def compare_with_gauge(
         missed=int(np.sum(steady & readings.clear & ~readings.touched)),
         false=int(np.sum(none & readings.clear & readings.touched)),
         unrecorded=int(np.sum(readings.clear & average.in_hole(readings.time_s + offset_s))),
-        unit_stated=gauge.unit_stated,
     )
 
 

@@ -140,11 +140,10 @@ _SHOWN = 8
 
 @dataclass(frozen=True)
 class GaugeRecord:
-    """What a gauge recorded (n,), in its own clock, zero and sign; newtons unless stated."""
+    """What a gauge recorded (n,), in its own clock, zero and sign."""
 
     time_s: np.ndarray
     force_n: np.ndarray
-    unit_stated: bool = True
 
 
 def read_gauge_file(
@@ -193,8 +192,7 @@ def gauge_of(
     last = np.append(np.diff(times) > 0, True)
     if np.sum(last) < 2:
         raise InputError(path, f"{time_name} must increase", times[0])
-    stated = unit is not None or _unit_of(force_name).lower() in UNITS_N
-    return GaugeRecord(times[last], forces[last], stated)
+    return GaugeRecord(times[last], forces[last])
 
 
 def _table(path: str | Path) -> pd.DataFrame:

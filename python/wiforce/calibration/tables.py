@@ -305,7 +305,8 @@ def _read(
 ) -> CalibrationTable:
     """The table of a CSV file, of whose lines ``measured`` gives the phases."""
     header, lines = read_csv(path)
-    require_columns(path, header, needed, _hint(header, needed))
+    only_carrier = set(needed) - set(header) == {"freq_mhz"}
+    require_columns(path, header, needed, "or give --frequency-hz" if only_carrier else "")
     rows = []
     for number, line in lines:
         where = f"{path}: row {number}"
@@ -318,18 +319,6 @@ def _read(
         for frequency, port, phase in measured(line, where):
             rows.append((number, frequency, location, port, force, phase, press))
     return CalibrationTable.from_rows(path, rows)
-
-
-def _hint(header: Sequence[str], needed: Sequence[str]) -> str:
-    """What kind a table is of instead; empty where this is not known."""
-    if set(needed) - set(header) == {"freq_mhz"}:
-        return "or give --frequency-hz"
-    hints = {
-        "phase1_deg": "or, for readings over the air, give --kind taps",
-        "file": "or, for Touchstone files, give --kind touchstone",
-    }
-    kinds = (hint for name, hint in hints.items() if name in header and name not in needed)
-    return next(kinds, "")
 
 
 def measure_vna(

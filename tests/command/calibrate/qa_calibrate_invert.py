@@ -118,12 +118,10 @@ def test_readings_are_inverted_again_without_taking_their_location_as_known(fold
     assert [float(row["location_std_mm"]) for row in rows[1:]] == [0, 0]
 
 
-def test_a_table_of_another_kind_is_refused_with_advice(tmp_path):
+def test_a_table_that_does_not_state_its_carrier_needs_the_option(tmp_path):
     (tmp_path / "t.csv").write_text("phase1_deg,phase2_deg,force_n,location_mm\n1,2,3,40\n")
     said = refused("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml")
     assert "--frequency-hz: is missing: " in said
-    said = refused("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml", "--kind", "vna")
-    assert "--kind taps" in said
 
 
 def test_a_sensor_named_by_no_text_is_refused_and_not_written(tmp_path):

@@ -158,7 +158,6 @@ def test_location_left_early_does_not_cost_the_sensor(tmp_path, monkeypatch, for
     done = CliRunner().invoke(calibrate, list(map(str, command)))
     assert done.exit_code == 0, done.output
     complete = len(forces_n) == 5
-    assert ("left out: 60 mm, with fewer than 5 forces" in done.output) != complete
     assert load_sensor(output).location_span_mm == (20.0, 60.0 if complete else 50.0)
 
 

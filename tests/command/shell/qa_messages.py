@@ -42,13 +42,7 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
         (
             "phase1_deg,phase2_deg,force_n,location_mm\n1,2,3,4\n",
             [*CALIBRATE, "--kind", "taps"],
-            "--frequency-hz: is missing: taps (file.csv) were read at one carrier; name it, as "
-            "--frequency-hz 915e6\n",
-        ),
-        (
-            "file,force_n,location_mm\nx.s2p,3,4\n",
-            CALIBRATE,
-            "many carriers; name the one to calibrate at, as --frequency-hz 915e6; if the table is",
+            "--frequency-hz: is missing: file.csv does not state its carrier; give it, as 915e6\n",
         ),
         (
             HEADER + "0.9,,1,0,30\n0.9,20,1,2,30\n",
