@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The chains that are compared. Each makes a function that runs it once, and its tones."""
 
+from functools import partial
+
 import numpy as np
 from gnuradio import blocks, fft, gr, wiforce
 from gnuradio.wiforce.blocks.group_block import SnapshotSink
@@ -8,22 +10,9 @@ from gnuradio.wiforce.wiforce_kernels import tone_reader, tone_transform
 
 from .recording import GROUP_LENGTH, WAVEFORM
 
-# Rows of the bench by name: what makes the chain, and its settings.
-CHAINS = {}
-
 # What a skilled user ends at for the stock chain: samples and vectors per buffer. More or less
 # of either is slower.
 TUNED_SAMPLES, TUNED_VECTORS = 131072, 128
-
-
-def chain(name, **settings):
-    """Enters a chain under a name; called as chain(recording, weights)."""
-
-    def enter(function):
-        CHAINS[name] = lambda recording, weights: function(recording, weights, **settings)
-        return function
-
-    return enter
 
 
 class Flowgraph:
@@ -84,8 +73,6 @@ class ToneSink(SnapshotSink):
         return np.array(self._tones)
 
 
-@chain("stream-fc32", item_type="fc32")
-@chain("stream-sc16", item_type="sc16")
 def stream(recording, weights, item_type):
     """Folding and tones as the Reader computes them, behind a file source."""
     collected = wiforce.preamble_fold.collected(
@@ -148,15 +135,12 @@ def kernel_blocks(
     return [*fold, wiforce.phase_group_doppler(**group), estimator]
 
 
-@chain("block-by-block")
 def separate_blocks(recording, weights):
     """Folding and tones in a block each, as a flowgraph that shows the snapshots has it."""
     row = kernel_blocks("block by block", weights, GROUP_LENGTH)
     return Flowgraph(_file_source(recording), *row).end(row[-1])
 
 
-@chain("file-fc32", item_type="fc32")
-@chain("file-sc16", item_type="sc16")
 class RecordedTones:
     """A whole recording read without a flowgraph."""
 
@@ -179,8 +163,6 @@ class RecordedTones:
 _GROUPS_PER_BATCH = 256
 
 
-@chain("stock-default", tuned=False)
-@chain("stock-tuned", tuned=True)
 def stock(recording, weights, tuned):
     """GNU Radio's own blocks: keep what is averaged, fold, weight a group at once, sum."""
     source = _file_source(recording)
@@ -229,10 +211,6 @@ class NumpyScript:
         self.tones = np.array(groups)
 
 
-CHAINS["numpy"] = NumpyScript
-
-
-@chain("ceiling-file-source")
 def file_to_nowhere(recording, weights):
     """A file source and a null sink: what GNU Radio gives before anything is computed."""
     source = _file_source(recording)
@@ -252,4 +230,16 @@ class MemoryRead:
         self._words.max()
 
 
-CHAINS["ceiling-read"] = MemoryRead
+# Rows of the bench by name: what makes the chain of a recording and weights.
+CHAINS = {
+    "stream-fc32": partial(stream, item_type="fc32"),
+    "stream-sc16": partial(stream, item_type="sc16"),
+    "block-by-block": separate_blocks,
+    "file-fc32": partial(RecordedTones, item_type="fc32"),
+    "file-sc16": partial(RecordedTones, item_type="sc16"),
+    "stock-default": partial(stock, tuned=False),
+    "stock-tuned": partial(stock, tuned=True),
+    "numpy": NumpyScript,
+    "ceiling-file-source": file_to_nowhere,
+    "ceiling-read": MemoryRead,
+}

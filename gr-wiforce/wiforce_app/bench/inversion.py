@@ -7,7 +7,6 @@ import click
 import numpy as np
 
 from ..shell.log import progress
-from ..shell.options import IntegerRange
 from ..shell.tables import Column, echo, table
 
 _BATCH, _SINGLE, _RUNS = 20_000, 1000, 7
@@ -25,8 +24,7 @@ COLUMNS = (
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Rows as JSON instead of a table.")
 @click.option("--sensor", "names", multiple=True, help="Only this sensor; a name or SENSOR.yaml.")
-@click.option("--seed", type=IntegerRange(0), default=1, show_default=True)
-def inversion(as_json, names, seed):
+def inversion(as_json, names):
     """Time per reading, in a batch and one by one, for presses all over each sensor's span.
 
     Medians, on one processor. Beside them, the share of forces within two standard deviations of
@@ -41,13 +39,13 @@ def inversion(as_json, names, seed):
     with progress("inverting", len(cases) * len(_NOISES_DEG)) as step:
         for model, carrier in cases:
             for noise_deg in _NOISES_DEG:
-                rows.append(_measure(model, carrier, noise_deg, seed))
+                rows.append(_measure(model, carrier, noise_deg))
                 step(1)
     echo({"rows": rows}, as_json, lambda _: table(rows, COLUMNS))
 
 
-def _measure(model, carrier, noise_deg, seed):
-    rng = np.random.default_rng(seed)
+def _measure(model, carrier, noise_deg):
+    rng = np.random.default_rng(1)
     force, _, phases = random_presses(model, carrier, _BATCH, rng)
     phases += noise_deg * rng.standard_normal(phases.shape)
     inverter = model.inverter(carrier)

@@ -18,7 +18,6 @@ import click
 import numpy as np
 from gnuradio.wiforce.io.optional import check_installed
 
-from ..radio.request import RECEIVE_S
 from ..shell.log import progress
 from ..shell.options import IntegerRange
 from ..shell.tables import Column, echo, table
@@ -119,17 +118,7 @@ COLUMNS = (
 @click.option(
     "--presses", default=30, type=IntegerRange(1), show_default=True, help="At each sample rate."
 )
-@click.option(
-    "--latency",
-    type=click.Choice(list(RECEIVE_S)),
-    default="low",
-    show_default=True,
-    help="Option of the live reader.",
-)
-@click.option(
-    "--msps", multiple=True, type=click.Choice(list(_SETTINGS)), help="Only this sample rate."
-)
-def live(as_json, presses, latency, msps):
+def live(as_json, presses):
     """Measure the delay of readings behind the samples and behind a press.
 
     Three processes on loopback: a software N210, `gr-wiforce live`, and this one, which presses the
@@ -139,11 +128,10 @@ def live(as_json, presses, latency, msps):
 
     check_installed("bench live", ["zmq"])
     rows = []
-    rates = msps or list(_SETTINGS)
-    with progress("pressing", len(rates) * presses) as step:
-        for rate in rates:
+    with progress("pressing", len(_SETTINGS) * presses) as step:
+        for rate in _SETTINGS:
             try:
-                rows.append(_measure(rate, presses, latency, step))
+                rows.append(_measure(rate, presses, step))
             except RuntimeError as error:  # of the software N210
                 raise click.ClickException(str(error)) from error
     echo(rows, as_json, lambda _: table(rows, COLUMNS))
@@ -164,14 +152,14 @@ def scene_of(msps):
     }
 
 
-def _measure(msps, presses, latency, step):
+def _measure(msps, presses, step):
     from gnuradio.wiforce.planning.plan import plan
 
     group_s = plan(scene_of(msps)).group_period_s
     with tempfile.TemporaryDirectory(prefix="wiforce-live-") as folder:
         scene = Path(folder) / "scene.yaml"
         scene.write_text(json.dumps(scene_of(msps)), encoding="utf-8")
-        with DeviceProcess(scene) as device, _live_reader(scene, device, latency) as (port, reader):
+        with DeviceProcess(scene) as device, _live_reader(scene, device) as (port, reader):
             with closing(_Messages(port)) as messages:
                 messages.wait_for(touched=False)
                 before, rng = _counters(device, reader.pid), random.Random(1)
@@ -247,7 +235,7 @@ def _processor_s(pid):
 
 
 @contextmanager
-def _live_reader(scene, device, latency):
+def _live_reader(scene, device):
     """Port of the readings, and the process."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -255,7 +243,7 @@ def _live_reader(scene, device, latency):
     frames = "recv_frame_size=8000,send_frame_size=8000"
     command = [sys.executable, "-c", RUN, "live", "--scene", str(scene), "--zmq", str(port)]
     command += ["--args", f"{device.args},{frames}"]
-    command += ["-o", str(scene.with_name("readings.csv")), "--latency", latency]
+    command += ["-o", str(scene.with_name("readings.csv"))]
     command += ["--tx-gain", "15", "--rx-gain", "15"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:

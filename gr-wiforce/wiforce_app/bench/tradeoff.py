@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce bench tradeoff``: run time against error, for every scene and sensible setting."""
 
-import multiprocessing
 import tempfile
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,7 +27,6 @@ from .recording import GROUP_LENGTH, WAVEFORM, with_floats
 _GROUP_LENGTHS = (125, 250, 625, 1250)
 _CLUTTER_HZ = (0.0, 250.0)
 _BATCH = 64  # groups
-_RUNS, _QUICK_RUNS = 2, 1
 # The plan is beaten by a setting that is faster and more accurate by this factor.
 _MARGIN = 1.2
 
@@ -49,22 +46,22 @@ COLUMNS = (
     Column("bound", "bound_deg", ".3g"),
     Column("force (N)", "force_n", ".3g"),
     Column("location (mm)", "location_mm", ".3g"),
-    Column("front", "front"),
 )
 
 
 @click.command()
 @click.argument("scenes", nargs=-1)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
-@click.option("--quick", is_flag=True, help="Time each setting once instead of twice.")
-def tradeoff(scenes, as_json, quick):
+def tradeoff(scenes, as_json):
     """Compare processor time with phase and force error for SCENES (default: all shipped).
 
     Varies group length, lines, clutter band, estimator, subcarriers, sample type, file or stream,
     and the order of the blocks, and compares with stock blocks.
     """
-    from gnuradio import gr  # noqa: F401  of the flowgraphs that are timed, before any file is made
+    from gnuradio import gr
     from gnuradio.wiforce.scene import sampled_scenes
+
+    gr.logging().set_default_level(gr.log_levels.off)
 
     names = list(dict.fromkeys(scenes or sampled_scenes()))
     # Invalid scenes are refused before any work is done.
@@ -74,15 +71,9 @@ def tradeoff(scenes, as_json, quick):
     results = []
     with progress("measuring", len(names)) as step:
         for name in names:
-            results.append(_measured(name, _QUICK_RUNS if quick else _RUNS))
+            results.append(measure_scene(name))
             step(1)
     echo({"scenes": results}, as_json, lambda _: points_table(results), lambda _: verdict(results))
-
-
-def _measured(name, runs):
-    """A scene's result, from a process of its own: memory and caches are as for any other."""
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-        return pool.submit(measure_scene, name, runs).result()
 
 
 @dataclass(frozen=True)
@@ -146,13 +137,10 @@ def settings_of(scene):
     return found
 
 
-def measure_scene(name, runs):
+def measure_scene(name):
     """Simulate a scene and read it with all settings: ``scene``, ``signal_s``, ``points``."""
-    from gnuradio import gr
-
     from .chains import CHAINS, planned
 
-    gr.logging().set_default_level(gr.log_levels.off)
     scene = load_scene(name)
     settings = settings_of(scene)
     samples_s, groups_s, readings = {}, {}, {}
@@ -161,15 +149,13 @@ def measure_scene(name, runs):
         captures = [open_capture(path) for path in written if path.suffix == ".sigmf-meta"]
         recordings = [with_floats(capture.path) for capture in captures]
         signal_s = recordings[0].samples / scene.radio.sample_rate_hz
-        # In turns, so that a temporary load of the machine affects all settings.
-        for setting in settings * runs:
+        for setting in settings:
             if setting.order == "stock":
                 flowgraph = CHAINS["stock-tuned"](recordings[0], setting.plan.table.weights)
             else:
                 way = setting.source, setting.order
                 flowgraph = planned(setting.plan, recordings, *way, derotated=setting.derotated)
-            spent, _ = _timed(flowgraph.run)
-            samples_s[setting.name] = min(spent, samples_s.get(setting.name, spent))
+            samples_s[setting.name], _ = _timed(flowgraph.run)
             receiver = Receiver(setting.plan, derotated=setting.derotated)
             tones = flowgraph.tones[:, :, setting.plan.waveform.bins]
             spent, readings[setting.name] = _timed(_readings, receiver, tones)
@@ -217,18 +203,6 @@ def _errors(scene, readings):
     return nothing | pooled_summary(scored(scene, readings, truth))
 
 
-def front(points):
-    """Points that none beats in time and phase error, scaled to the plan's group length."""
-    best, kept = float("inf"), []
-    readable = [point for point in points if point["phase_deg"] is not None]
-    for point in sorted(readable, key=lambda point: point["cpu_s_per_s"]):
-        error = point["phase_deg"] * (point["group_length"] / points[0]["group_length"]) ** 0.5
-        if error < best:
-            best = error
-            kept.append(point)
-    return kept
-
-
 def beat_the_plan(points):
     """Settings that are 20 % faster and 20 % more accurate than the plan, with its groups."""
     chosen, *others = points
@@ -248,10 +222,9 @@ def points_table(results):
     """A row per scene and setting with median errors and processor time in ms."""
     rows = []
     for result in results:
-        kept = front(result["points"])
         for number, point in enumerate(result["points"]):
             name = "" if number else Path(result["scene"]).stem
-            rows.append({**point, "scene": name, "front": "yes" if point in kept else ""})
+            rows.append({**point, "scene": name})
     return table(rows, COLUMNS)
 
 

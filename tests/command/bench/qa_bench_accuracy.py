@@ -35,6 +35,6 @@ def test_json_rows_have_the_documented_keys(monkeypatch, long_run):
     assert [row["estimator"] for row in rows] == [
         "harmonic", "sideband", "paper", "paper, offset removed",
     ]  # fmt: skip
-    keys = {"case", "estimator", "rms_deg", "bias_deg", "bound_deg", "loss_db", "within_2_std", "n"}
+    keys = {"case", "estimator", "rms_deg", "bound_deg", "loss_db", "within_2_std", "n"}
     assert all(keys <= set(row) and row["n"] == 100 * runs for row in rows)
     assert max(rows[0]["loss_db"]) < 1.5 < min(rows[2]["loss_db"])

@@ -17,7 +17,7 @@ from wiforce_app.shell.tables import table
 # All rows but the searches, those of the JSON test and of clutter between others.
 ROWS = [
     pytest.param(task, id=f"{task.name}-{task.path}")
-    for task in stress.tasks_of(search=1, seed=1)
+    for task in stress.tasks_of(search=1)
     if task.name not in (*stress._SEARCHES, *(f"static clutter +{db} dB" for db in (40, 60, 80)))
 ]
 # Groups that a stress may cost: those that are hurt, or read before a clock is acquired again.
