@@ -4,9 +4,7 @@
 import copy
 import json
 import os
-import warnings
 
-import jsonschema
 import pytest
 import sigmf
 from gnuradio.wiforce.errors import InputError
@@ -153,17 +151,11 @@ def test_check_against_other_rate_or_carrier_raises(tmp_path):
     capture = open_capture(write(tmp_path))
     scene = {"sensors": [{"name": "arm", "model": "wiforce-900mhz"}]}
     capture.check_against(load_scene(scene))
-    for key, value, message in (
-        ("sample_rate_hz", 10e6, "sample rate must be radio.sample_rate_hz of the scene"),
-        (
-            "center_frequency_hz",
-            2.4e9,
-            "carrier must be radio.center_frequency_hz of the scene",
-        ),
+    for key, value, model, message in (
+        ("sample_rate_hz", 10e6, "wiforce-900mhz", "sample rate must be radio.sample_rate_hz of"),
+        ("center_frequency_hz", 2.4e9, "wiforce-2400mhz", "carrier must be radio.center_"),
     ):
-        other = {"radio": {key: value}, "sensors": scene["sensors"]}
-        if key == "center_frequency_hz":
-            other["sensors"] = [{"name": "arm", "model": "wiforce-2400mhz"}]
+        other = {"radio": {key: value}, "sensors": [{"name": "arm", "model": model}]}
         with pytest.raises(InputError, match=message):
             capture.check_against(load_scene(other))
 
@@ -190,25 +182,6 @@ def changed(section, key, value):
     return whole
 
 
-def refusal_by_package(whole):
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            sigmf.SigMFFile(metadata=whole).validate()
-    except Exception as error:  # jsonschema's, SigMF's, TypeError, KeyError
-        return error
-
-
-def refusal(tmp_path, whole):
-    path = tmp_path / "x.sigmf-meta"
-    path.write_text(json.dumps(whole))
-    try:
-        read_metadata(path)
-    except InputError as error:
-        assert "x.sigmf-meta: " in str(error) and "\n" not in str(error)
-        return error
-
-
 def test_write_metadata_gives_file_of_package(tmp_path):
     """Files would differ from those of earlier versions, or other tools refuse them."""
     data = tmp_path / "x.sigmf-data"
@@ -228,17 +201,19 @@ def test_write_metadata_gives_file_of_package(tmp_path):
 
 MISTAKES = [
     (changed("global", "core:sample_rate", "fast"), "global: core:sample_rate: .*'fast' is not of"),
-    (changed("global", "core:sample_rate", 0), "core:sample_rate: .*0 is not from"),
+    (changed("global", "core:sample_rate", 0), "core:sample_rate: .*0 is not a number"),
     (changed("global", "core:sample_rate", True), "True is not of type 'number'"),
     (changed("global", "core:datatype", 3), "core:datatype: .*3 is not of type 'string'"),
-    (changed("global", "core:num_channels", 0), "core:num_channels: .*0 is not from 1"),
+    (changed("global", "core:num_channels", 0), "core:num_channels: .*0 is not a number from 1"),
     (changed("captures", "core:sample_start", -1), "captures: 1: core:sample_start: .*-1 is not"),
     (changed("captures", "core:global_index", 1.5), "core:global_index: .*1.5 is not of type"),
+    (changed("captures", "core:frequency", float("nan")), "core:frequency: .*nan is not a number"),
+    (changed("captures", "core:frequency", float("inf")), "core:frequency: .*inf is not a number"),
     (VALID | {"captures": [3]}, "captures: 0: .*3 is not of type 'object'"),
     (VALID | {"captures": [{}]}, "captures: 0: .*'core:sample_start' is missing"),
     (VALID | {"captures": CAPTURES[::-1]}, "captures: .*must not decrease"),
     (VALID | {"captures": None}, "captures: .*None is not of type 'array'"),
-    (changed("captures", "core:frequency", [9e8]), "a value of type 'array' is not of type 'num"),
+    (changed("captures", "core:frequency", [9e8]), "list is not of type 'num"),
     ({"global": FIELDS}, "key 'captures' is missing"),
     (VALID | {"global": {}}, "global: .*'core:datatype' is missing"),
     (VALID | {"global": 3}, "global: .*3 is not of type 'object'"),
@@ -246,19 +221,11 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("whole", "rule"), MISTAKES)
-def test_read_metadata_refuses_what_package_refuses(tmp_path, whole, rule):
+def test_read_metadata_names_the_key_that_breaks_a_rule(tmp_path, whole, rule):
     """A mistake would appear later, as a wrong reading or a traceback."""
-    assert refusal_by_package(whole) is not None
-    error = refusal(tmp_path, whole)
-    assert error is not None
+    (tmp_path / "x.sigmf-meta").write_text(json.dumps(whole))
     with pytest.raises(InputError, match=rule):
-        raise error
-
-
-def test_read_metadata_valid_file_is_returned_as_it_is(tmp_path):
-    assert refusal_by_package(VALID) is None
-    (tmp_path / "x.sigmf-meta").write_text(json.dumps(VALID))
-    assert read_metadata(tmp_path / "x.sigmf-meta") == (FIELDS, CAPTURES)
+        read_metadata(tmp_path / "x.sigmf-meta")
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", "\xff", "[" * 100_000, '{"global": NaN}'])
@@ -266,58 +233,3 @@ def test_read_metadata_not_an_object_is_refused(tmp_path, text):
     (tmp_path / "x.sigmf-meta").write_bytes(text.encode("latin-1"))
     with pytest.raises(InputError, match="x.sigmf-meta: "):
         read_metadata(tmp_path / "x.sigmf-meta")
-
-
-@pytest.mark.parametrize(
-    ("text", "key"),
-    [
-        ('{"global": {"core:datatype": "cf32_le", "core:datatype": "ci16_le"}}', "core:datatype"),
-        ('{"captures": [{"core:frequency": 9e8, "core:frequency": 2e9}]}', "core:frequency"),
-        ('{"global": {}, "captures": [], "global": {}}', "global"),
-    ],
-)
-def test_read_metadata_key_given_twice_is_named(tmp_path, text, key):
-    """The last one was taken, which need not be the one that is meant."""
-    (tmp_path / "x.sigmf-meta").write_text(text)
-    with pytest.raises(InputError, match=f"key '{key}' is given more than once"):
-        read_metadata(tmp_path / "x.sigmf-meta")
-
-
-PLACES = [
-    ("global", "core:datatype"),
-    ("global", "core:sample_rate"),
-    ("global", "core:num_channels"),
-    ("global", "core:trailing_bytes"),
-    ("global", "core:dataset"),
-    ("captures", "core:sample_start"),
-    ("captures", "core:frequency"),
-    ("captures", "core:global_index"),
-    ("captures", "core:header_bytes"),
-]
-# Whole numbers as floats are integers to JSON Schema, but no index of a sample: refused here. A
-# null stands for a default in the package.
-VALUES = [True, False, -2, -1, 0, 1, 7, 10**12, 10**12 + 1, 2**63 - 1, 2**63, 2**70]
-VALUES += [-1e12, -1.1e12, -0.5, 0.5, 1.5, 1e12, 1.1e12, 5e-324]
-VALUES += ["cf32_le", "ci16_le", [], [0], {}, {"a": 1}]
-AGREED = [(place, value) for place in PLACES for value in VALUES]
-
-
-def whole_as_float(place, value):
-    integers = ("sample_start", "global_index", "header_bytes", "num_channels", "trailing_bytes")
-    return place[1].endswith(integers) and isinstance(value, float) and value == int(value)
-
-
-def test_read_metadata_agrees_with_package_on_every_key_that_is_read(tmp_path):
-    """A file that other tools write would be refused, or one that they refuse would be read."""
-    schema = sigmf.schema.get_schema()
-    package = jsonschema.validators.validator_for(schema)(schema)
-    outcomes = set()
-    for place, value in AGREED:
-        if whole_as_float(place, value):
-            continue
-        whole = changed(*place, value)
-        whole["global"]["core:version"] = SPECIFICATION  # the package adds it
-        refused = not package.is_valid(whole)
-        assert (refusal(tmp_path, whole) is not None) == refused, (place, value)
-        outcomes.add(refused)
-    assert outcomes == {True, False}
