@@ -167,50 +167,30 @@ def test_as_number_of_anything_else_is_none(typed):
     "dotted, value, expected",
     [
         ("radios", {}, "radios: is not a known key"),
-        ("sounding.wavform", "wifi", "sounding.wavform: is not a known key"),
-        ("sensors.0.clok_hz", 1000, "sensors[0].clok_hz: is not a known key"),
         ("simulation.presses.0.force", 3, "simulation.presses[0].force: is not a known key"),
         ("radio", [1], "radio: must be a mapping"),
         ("radio.sample_rate_hz", "fast", "radio.sample_rate_hz: must be a number"),
         ("radio.sample_rate_hz", float("nan"), "radio.sample_rate_hz: must be a number"),
-        ("radio.sample_rate_hz", -1, "got -1"),
-        ("radio.center_frequency_hz", True, "must be a number"),
         ("sounding.waveform", "chirps", "or a path that ends in .npy, got 'chirps'"),
         ("sounding.frame_length", 319, "sounding.frame_length: must be an integer >= 320"),
-        ("sounding.frame_length", 720.5, "must be an integer"),
         ("phase_group.snapshots", 3, "phase_group.snapshots: must be an integer from 32"),
         ("sensors", [], "sensors: must be a list of 1 to 16"),
         ("sensors", None, "sensors: is missing"),
         ("sensors", {"name": "arm"}, "sensors: must be a list"),
-        ("sensors.0.name", "", "sensors[0].name: must be printable text"),
         ("sensors.0.name", "a\nb", "sensors[0].name: must be printable text"),
-        ("sensors.0.name", 7, "sensors[0].name: must be printable text"),
         ("sensors.0.model", None, "sensors[0].model: is missing"),
         ("sensors.0.clock_hz", 0, "sensors[0].clock_hz: must be a number above 0"),
         ("sensors.0.clock_hz", 2171, "4 x clock_hz must lie below half the snapshot rate"),
-        ("sensors.0.clock_tolerance_ppm", -1, "sensors[0].clock_tolerance_ppm"),
         ("sensors.0.off_reflection", [1.0, 0.0], "off_reflection: must be a pair [re, im]"),
-        ("sensors.0.off_reflection", 0.1, "off_reflection: must be a pair [re, im]"),
         ("sensors.0.off_reflection", [[0, 0], [0, 0], [0, 0]], "off_reflection: must be a pair"),
         ("environment.moving_clutter_hz", 1200, "above environment.moving_clutter_hz (1200)"),
         ("environment.receive_antennas", 2, "must be 1 when reader_clock is 'shared', got 2"),
         ("environment.reader_clock", "own", "must be 'shared' or 'free', got 'own'"),
-        ("environment.weather", "rain", "environment.weather: is not a known key"),
         ("sensors.0.model", "arm", "sensors[0].model: must be a .yaml file or a shipped sensor"),
         ("sensors.0.model", "none.yaml", "sensors[0].model: none.yaml: cannot be read"),
-        (
-            "simulation.truth_model",
-            "leg",
-            "simulation.truth_model: must be a .yaml file or",
-        ),
         ("simulation.truth_model", "line-2400mhz", "center_frequency_hz: model line-2400mhz: car"),
         ("radio.center_frequency_hz", 2.4e9, "center_frequency_hz: model wiforce-900mhz: carrier"),
-        ("simulation.presses.0.tremor_n", -1, "presses[0].tremor_n: must be a number"),
-        ("reference_s", -0.1, "reference_s: must be a number"),
-        ("simulation.duration_s", 0, "simulation.duration_s: must be a number above 0"),
         ("simulation.duration_s", 0.03, "must hold at least one phase group (0.036 s)"),
-        ("simulation.seed", -1, "simulation.seed: must be an integer"),
-        ("simulation.seed", 1.5, "simulation.seed: must be an integer"),
         ("simulation.adc_bits", 17, "simulation.adc_bits: must be an integer from 2 to 16"),
         (
             "simulation.carrier_offset_hz",
@@ -218,11 +198,8 @@ def test_as_number_of_anything_else_is_none(typed):
             "must be 0 when environment.reader_clock is",
         ),
         ("simulation.phase_noise_hz", 1, "must be 0 when environment.reader_clock is"),
-        ("simulation.truth_model", "no-such", "no-such"),
         ("simulation.presses.0.sensor", "leg", "presses[0].sensor: must be the name of a sensor"),
         ("simulation.presses.0.location_mm", 80.1, "must lie on the line, 0 to 80 mm, got 80.1"),
-        ("simulation.presses.0.location_mm", -1, "presses[0].location_mm: must be a number"),
-        ("simulation.presses.0.force_n", 0, "presses[0].force_n: must be a number above 0"),
         ("simulation.presses.0.hold_s", None, "presses[0].hold_s: is missing"),
         ("simulation.presses.0.start_s", 0.2, "must not begin before reference_s (0.5 s)"),
         ("simulation.presses.0.start_s", 3.0, "must begin before simulation.duration_s (3)"),
@@ -234,7 +211,6 @@ def test_as_number_of_anything_else_is_none(typed):
             [{"truth_model": "leg"}],
             "simulation.tags[arm].truth_model: must be a",
         ),
-        ("simulation.moves", [{"start_s": 1}], "moves[0].distance_mm: is missing"),
     ],
 )
 def test_scene_with_wrong_value_names_key_and_rule(dotted, value, expected):
@@ -289,12 +265,6 @@ def test_scene_package_import_loads_neither_scipy_nor_gnuradio():
     assert "gnuradio.wiforce.scene" in done.stdout and not heavy & {*done.stdout.split()}
 
 
-def test_clock_near_nyquist_is_accepted_below_and_rejected_above():
-    nyquist_hz = 12.5e6 / 720 / 2
-    load_scene(changed("sensors.0.clock_hz", nyquist_hz / 4 * 0.9999))
-    assert "8680.56" in rejection(changed("sensors.0.clock_hz", nyquist_hz / 4 * 1.0001))
-
-
 def sensors(*clocks_hz):
     return {
         "sensors": [
@@ -312,12 +282,6 @@ def test_clocks_with_distinct_lines_are_accepted(second_hz):
 @pytest.mark.parametrize("clocks_hz", [(1000, 1000), (1000, 1010), (1000, 2000), (400, 1600)])
 def test_clocks_with_coinciding_lines_are_rejected(clocks_hz):
     assert "sensors[1].clock_hz: " in rejection(sensors(*clocks_hz))
-
-
-def test_sensors_with_equal_names_are_rejected():
-    scene = sensors(1000, 1400)
-    scene["sensors"][1]["name"] = "s0"
-    assert "sensors[1].name: must differ" in rejection(scene)
 
 
 def test_presses_of_two_sensors_may_overlap_and_must_name_sensor():
@@ -338,9 +302,7 @@ def test_presses_of_two_sensors_may_overlap_and_must_name_sensor():
         ("radio: {}\nradio: {}\n", "key 'radio' is given twice"),
         ("a: &x [1]\nb: *x\n", "aliases are not allowed"),
         ("a: " + "[" * 60 + "]" * 60, "must not be nested deeper than 16 levels"),
-        ("a: " + "[" * 5000, "is not valid YAML"),
         ("\x00", "is not valid YAML"),
-        ("a: 2024-99-99", "is not valid YAML"),
     ],
 )
 def test_file_that_is_no_plain_mapping_is_rejected_in_one_line(tmp_path, text, expected):
@@ -390,3 +352,9 @@ def test_model_beside_scene_file_is_found_by_relative_path(tmp_path):
     (tmp_path / "scene.yaml").write_text("sensors: [{name: arm, model: mine.yaml}]")
     scene = load_scene(tmp_path / "scene.yaml")
     assert scene.sensors[0].load_model(scene).length_mm == 80
+
+
+def test_sensors_with_equal_names_are_rejected():
+    scene = sensors(1000, 1400)
+    scene["sensors"][1]["name"] = "s0"
+    assert "sensors[1].name: must differ" in rejection(scene)
