@@ -30,47 +30,13 @@ if TYPE_CHECKING:
     from .plan import Plan, PlannedSensor
 
 
-class PressedLine:
-    """What both ends reflect at presses (n, 2): G / rho, and the slopes of psi, in rad."""
-
-    def __init__(self, sensor: PlannedSensor, carrier_hz: float, presses: Array) -> None:
-        model, forward = sensor.model, sensor.model.inverter(carrier_hz).forward
-        self._off, self._off_std = np.asarray(sensor.off_reflection), sensor.off_reflection_std
-        self._untouched = np.exp(1j * np.radians(model.untouched_deg(carrier_hz)))
-        self._reflection = np.exp(
-            1j * np.radians(model.phases_deg(presses[:, 0], presses[:, 1], carrier_hz))
-        )
-        self._slopes = np.radians(forward.slopes(*forward.clip(*presses.T)))
-
-    def off_error_deg(self) -> Array:
-        """Standard deviation (n, 2) of both phases by what is unknown of the off states."""
-        return np.degrees(self._off_std * self.error(self._off))
-
-    def turn_std_deg(self, phase_std_deg: Array) -> Array:
-        """That (n,) of the tag's rotation, as amplitudes show it; inf without off states."""
-        if not self._off.any():
-            return np.full(len(self._reflection), np.inf)
-        return np.degrees(self.stds(self._off, np.radians(phase_std_deg), self._off_std)[:, 2])
-
-    def error(self, off: Array) -> Array:
-        """By how much D is wrong for unit errors of off states (..., 2); (..., n, 2)."""
-        off = off[..., None, :]
-        return np.abs(1 - (self._reflection - off) / (self._untouched - off))
-
-    def stds(self, off: Array, noise: Array, off_std: float) -> Array:
-        """Deviations (..., n, 4) of force, location, rotation, gain by noise (..., 2) in rad."""
-        switched = self._reflection - off[..., None, :]
-        noise = np.hypot(noise, off_std * self.error(off))
-        press = np.broadcast_to(
-            1j * self._reflection[..., None] * self._slopes, (*switched.shape, 2)
-        )
-        common = 1j * switched[..., None], switched[..., None]
-        columns = np.concatenate([press, *common], axis=-1) / noise[..., None]
-        jacobian = np.concatenate([columns.real, columns.imag], axis=-2)
-        scale = np.linalg.norm(jacobian, axis=-2)
-        _, singular, rows = np.linalg.svd(jacobian / scale[..., None, :], full_matrices=False)
-        with np.errstate(divide="ignore"):
-            return np.linalg.norm(rows / singular[..., None], axis=-2) / scale
+def _off_error_deg(sensor: PlannedSensor, carrier_hz: float, presses: Array) -> Array:
+    """Deviation (n, 2) of both phases at presses (n, 2) by what is unknown of the off states."""
+    model, off = sensor.model, sensor.off_reflection
+    untouched = np.exp(1j * np.radians(model.untouched_deg(carrier_hz)))
+    pressed = np.exp(1j * np.radians(model.phases_deg(presses[:, 0], presses[:, 1], carrier_hz)))
+    error = np.abs(1 - (pressed - off) / (untouched - off))
+    return np.asarray(np.degrees(sensor.off_reflection_std * error))
 
 
 # Standard deviation of a noise component, in ADC steps, below which rounding errors are no longer
@@ -257,8 +223,7 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
         limit = span = flagged = None
         if not why_not_readable(scene, i, levels):
             where = (_span(model) if pressed is None else pressed)[:, :2]
-            line = PressedLine(sensor, carrier_hz, where)
-            wrong = np.sqrt(np.mean(line.off_error_deg() ** 2, axis=0))
+            wrong = np.sqrt(np.mean(_off_error_deg(sensor, carrier_hz, where) ** 2, axis=0))
             stated = _stated(model, carrier_hz, np.hypot(std, wrong))
             flagged = stated[3]
             if pressed is None:
@@ -266,8 +231,7 @@ def expect(plan: Plan) -> tuple[Expected, ...]:
             else:
                 span = stated[1:3]
                 noise = np.hypot(std, _curvature_deg(scene))
-                turn_std = line.turn_std_deg(noise)
-                medians = _drawn(model, carrier_hz, pressed, np.hypot(noise, wrong), turn_std)
+                medians = _drawn(model, carrier_hz, pressed, np.hypot(noise, wrong))
             limit = _limit(model, carrier_hz, where, std, wrong)
         found.append(Expected(sensor.name, tuple(std.tolist()), *medians, limit, span, flagged))
     return tuple(found)
@@ -295,8 +259,7 @@ def error_map(plan: Plan, sensor: int, force_n: np.ndarray, location_mm: np.ndar
     planned, carrier_hz = plan.sensors[sensor], plan.center_frequency_hz
     grid = np.meshgrid(force_n, location_mm, indexing="ij")
     points = np.stack(grid, axis=-1).reshape(-1, 2)
-    off_deg = PressedLine(planned, carrier_hz, points).off_error_deg()
-    std = np.hypot(phase_std_deg(plan)[sensor], off_deg)
+    std = np.hypot(phase_std_deg(plan)[sensor], _off_error_deg(planned, carrier_hz, points))
     spread = _spread(planned.model, carrier_hz, points, std)
     return spread.reshape(len(force_n), len(location_mm), 2)
 
@@ -467,24 +430,14 @@ def _span(model: SensorModel) -> np.ndarray:
     return np.stack(np.meshgrid(forces, locations, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-def _drawn(
-    model: SensorModel,
-    carrier_hz: float,
-    points: np.ndarray,
-    std: np.ndarray,
-    turn_std: np.ndarray,
-) -> _Medians:
-    """Median errors of phases, force and location, off states showing turns to ``turn_std``."""
-    rng, motion = np.random.default_rng(0), points[:, 4:6]
-    noise = std * rng.standard_normal((_DRAWS, len(points), 2))
-    seen = turn_std[:, None] < np.abs(motion)
-    turn = np.where(seen, turn_std[:, None], 0) * rng.standard_normal((_DRAWS, len(points), 1))
-    error = np.where(seen, turn, motion) + noise
-    phases = points[:, 2:4] - motion + model.untouched_deg(carrier_hz) + error
+def _drawn(model: SensorModel, carrier_hz: float, points: np.ndarray, std: np.ndarray) -> _Medians:
+    """Median errors of phases, force and location; off states that show motion are not used."""
+    noise = std * np.random.default_rng(0).standard_normal((_DRAWS, len(points), 2))
+    phases = points[:, 2:4] + model.untouched_deg(carrier_hz) + noise
     found = model.invert(phases.reshape(-1, 2), std, frequency_hz=carrier_hz)
     force = found.force_n - np.tile(points[:, 0], _DRAWS)
     location = found.location_mm - np.tile(points[:, 1], _DRAWS)
-    phase = np.median(np.abs(error), axis=(0, 1))
+    phase = np.median(np.abs(points[:, 4:6] + noise), axis=(0, 1))
     return tuple(phase.tolist()), _median(force), _median(location)
 
 

@@ -251,6 +251,25 @@ def test_command_states_errors_first_and_steps_on_request():
     assert "separation " not in command("two_sensors").stdout
 
 
+@pytest.mark.parametrize("snr_db, limit", [(-15, "radio"), (20, "calibration")])
+def test_what_limits_the_errors_is_named(snr_db, limit):
+    """More transmit power does not help where the calibration is the limit."""
+    (found,) = expect(plan(scene_of(simulation={"snr_db": snr_db})))
+    assert found.limited_by == limit and ", limited by the " in str(found)
+
+
+def test_errors_of_off_states_are_counted():
+    """They were not: a pair known to 0.01 was said to read 4 N to 0.05 N."""
+    sensor = {"name": "arm", "model": "line-900mhz-calibrated"}
+    sensor["off_reflection"] = [[0.3, 0.0], [-0.3, 0.0]]
+    plans = [plan(scene_of([sensor | {"off_reflection_std": std}])) for std in (0, 0.005)]
+    exact, wrong = (expect(each)[0] for each in plans)
+    assert wrong.force_error_n > 1.5 * exact.force_error_n
+    assert (exact.limited_by, wrong.limited_by) == ("calibration", "off states")
+    maps = [error_map(each, 0, np.array([4.0]), np.array([40.0]))[0, 0, 0] for each in plans]
+    assert maps[1] > 1.5 * maps[0]
+
+
 def test_plan_states_the_span_beside_the_presses_of_a_scene():
     """Errors in presses that are known were taken for those of the calibration."""
     sensors = [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 1035}]
