@@ -58,16 +58,12 @@ struct found {
     std::uint8_t flags;
 };
 
-found invert(const press_posterior& posterior,
-             double psi_1,
-             double psi_2,
-             double std,
-             const double* location = nullptr)
+found invert(const press_posterior& posterior, double psi_1, double psi_2, double std)
 {
     const double phases[] = { psi_1, psi_2 }, stds[] = { std, std };
     press_posterior::workspace work;
     found result;
-    result.flags = posterior.invert({ phases, stds, location }, work, result.press);
+    result.flags = posterior.invert({ phases, stds, nullptr }, work, result.press);
     return result;
 }
 
@@ -124,21 +120,6 @@ BOOST_AUTO_TEST_CASE(posterior_wide_or_narrow_has_the_moments_of_a_fine_grid)
                 BOOST_TEST(std::abs(press.covariance - expected[4]) <
                            0.02 * force_std * location_std);
             }
-}
-
-BOOST_AUTO_TEST_CASE(compact_posterior_is_read_at_its_mode)
-{
-    const line sensor{ 60 };
-    const press_posterior posterior(sensor.table(), everywhere(), consistent);
-    const auto [press, flags] = invert(
-        posterior, sensor.phase(0, 4, 33) - 720, sensor.phase(1, 4, 33) + 360, 0.1);
-    BOOST_TEST(flags == 0);
-    BOOST_TEST(press.force == 4.0, boost::test_tools::tolerance(1e-6));
-    BOOST_TEST(press.location == 33.0, boost::test_tools::tolerance(1e-6));
-    // psi_1 + psi_2 determines the force at any location
-    const double slope = 1.25 * 60 / 3 / std::pow(4, 4.0 / 3);
-    BOOST_TEST(press.force_variance == (0.02 + variance_1 + variance_2) / slope / slope,
-               boost::test_tools::tolerance(1e-6));
 }
 
 BOOST_AUTO_TEST_CASE(force_that_no_phase_shows_is_unobservable)
@@ -233,28 +214,6 @@ BOOST_AUTO_TEST_CASE(phases_of_no_press_are_inconsistent_with_a_larger_deviation
     BOOST_TEST(farther.press.location_variance > 100);
 }
 
-BOOST_AUTO_TEST_CASE(known_location_is_kept)
-{
-    const line sensor{ 8 };
-    const press_posterior posterior(sensor.table(), everywhere(), consistent);
-    const double location = 41;
-    const auto known =
-        invert(posterior, sensor.phase(0, 4, 41), sensor.phase(1, 4, 41), 0.1, &location);
-    BOOST_TEST(known.flags == 0);
-    BOOST_TEST(known.press.location == 41);
-    BOOST_TEST(known.press.location_variance == 0);
-    BOOST_TEST(known.press.force == 4.0, boost::test_tools::tolerance(1e-4));
-    const double s_1 = 8 / 3.0 / std::pow(4, 4.0 / 3), s_2 = s_1 / 4;
-    BOOST_TEST(known.press.force_variance == 1 / (s_1 * s_1 / (0.01 + variance_1) +
-                                                  s_2 * s_2 / (0.01 + variance_2)),
-               boost::test_tools::tolerance(1e-3));
-    // phases of another location
-    const double elsewhere = 50;
-    BOOST_TEST(
-        invert(posterior, sensor.phase(0, 4, 41), sensor.phase(1, 4, 41), 0.1, &elsewhere)
-            .flags == inconsistent);
-}
-
 BOOST_AUTO_TEST_CASE(phases_that_are_not_finite_give_no_force)
 {
     const press_posterior posterior(line{ 60 }.table(), everywhere(), consistent);
@@ -281,17 +240,4 @@ BOOST_AUTO_TEST_CASE(model_whose_location_jumps_with_force_gives_a_reading)
     const press_posterior posterior(
         tabulated_model(force, location, values), everywhere(), consistent);
     BOOST_TEST(std::isfinite(invert(posterior, -30, 30, 0.1).press.force));
-}
-
-BOOST_AUTO_TEST_CASE(tables_of_the_wrong_size_are_refused)
-{
-    const std::vector<double> two{ 1, 2 };
-    BOOST_CHECK_THROW(tabulated_model({ 1 }, two, std::vector<double>(20)),
-                      std::invalid_argument);
-    BOOST_CHECK_THROW(tabulated_model(two, { 2, 1 }, std::vector<double>(40)),
-                      std::invalid_argument);
-    BOOST_CHECK_THROW(tabulated_model(two, two, std::vector<double>(41)),
-                      std::invalid_argument);
-    BOOST_CHECK_THROW(calibrated_span({ 1 }, { 1 }, { 1 }), std::invalid_argument);
-    BOOST_CHECK_THROW(calibrated_span({ 1, 2 }, { 1 }, { 1, 2 }), std::invalid_argument);
 }

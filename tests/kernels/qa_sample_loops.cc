@@ -84,23 +84,6 @@ struct folding {
 
 } // namespace
 
-BOOST_DATA_TEST_CASE(fold_fc32_is_the_scaled_sum,
-                     data::make({ 1, 2, 4, 5 }) * widths,
-                     repetitions,
-                     width)
-{
-    const std::size_t frames = 7, stride = width * repetitions + 42;
-    const auto in = noise(frames * stride, 1);
-    const folding found(in, stride, repetitions, width, 0.25f);
-    for (std::size_t f = 0; f < frames; f++)
-        for (int n = 0; n < width; n++) {
-            double sum = 0;
-            for (int r = 0; r < repetitions; r++)
-                sum += in[f * stride + r * width + n];
-            BOOST_TEST(std::abs(found.folded[f * width + n] - 0.25 * sum) < 1e-6);
-        }
-}
-
 BOOST_DATA_TEST_CASE(fold_fc32_finds_noise_under_a_strong_path,
                      data::make({ 1, 2, 3, 4, 5 }) * widths,
                      repetitions,
@@ -138,29 +121,6 @@ BOOST_DATA_TEST_CASE(fold_sc16_is_exact,
     found.check_noise(in, repetitions, width, 0.5 * repetitions);
 }
 
-BOOST_DATA_TEST_CASE(accumulate_adds_weighted_differences,
-                     data::make({ 4, 8, 12, 16, 20 }) * data::make({ 0, 1, 17, 32 }) *
-                         widths,
-                     rows,
-                     count,
-                     width)
-{
-    const auto snapshots = noise(count * width, 3), reference = noise(width, 4);
-    const auto weights = noise(count * rows, 5), before = noise(rows * width, 6);
-    auto sums = before;
-    accumulate({ snapshots.data(), reference.data(), weights.data(), count, rows, width },
-               sums.data());
-    for (int r = 0; r < rows; r++)
-        for (int c = 0; c < width; c++) {
-            double want = before[r * width + c];
-            for (int n = 0; n < count; n++)
-                want += double(weights[n * rows + r]) *
-                        (double(snapshots[n * width + c]) - reference[c]);
-            // 32 products of normal values: a few ulp of about 30
-            BOOST_TEST(std::abs(sums[r * width + c] - want) < 2e-5);
-        }
-}
-
 BOOST_AUTO_TEST_CASE(one_value_that_is_not_finite_is_seen)
 {
     auto vectors = noise(385, 7);
@@ -192,26 +152,4 @@ BOOST_DATA_TEST_CASE(fold_sc16_returns_the_largest_magnitude,
             if (peak != (looked_at ? std::abs(value) : 7))
                 BOOST_ERROR(n << ": " << value << " of " << peak);
         }
-}
-
-BOOST_DATA_TEST_CASE(fold_fc32_returns_the_largest_magnitude,
-                     data::make({ 1, 2, 3, 4 }) * data::make({ 128, 34 }),
-                     repetitions,
-                     width)
-{
-    const int frames = 3, stride = repetitions * width + 42;
-    const auto x = noise(frames * stride, 8);
-    const auto peak_of = [&](const std::vector<float>& in) {
-        return folding(in, stride, repetitions, width, 0.5f).peak;
-    };
-    float most = 0;
-    for (int n = 0; n < frames * stride; n++)
-        if (n % stride < repetitions * width)
-            most = std::max(most, std::abs(x[n]));
-    BOOST_TEST(peak_of(x) == most);
-    for (int n = 0; n < repetitions * width; n++) { // wherever it is
-        auto changed = x;
-        changed[stride + n] = n % 2 ? -16 : 16;
-        BOOST_TEST(peak_of(changed) == 16);
-    }
 }
