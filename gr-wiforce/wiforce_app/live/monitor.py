@@ -6,7 +6,6 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable
-from pathlib import Path
 
 import click
 from gnuradio.wiforce.estimation.capture.frame import describe_frames
@@ -29,8 +28,11 @@ _BEGINS = {
     "reference": _UNTOUCHED,
     "reading": "reading: sensors may be pressed",
 }
-_BUFFER_LIMIT = Path("/proc/sys/net/core/rmem_max")
-_WANTED_BUFFER = 50_000_000  # what UHD asks for
+# Advice for losses of this kind, with the buffer that UHD asks for.
+_TOO_SLOW = (
+    "this machine or its network is too slow, or its socket buffers are too small: "
+    "sysctl -w net.core.rmem_max=50000000"
+)
 
 
 class SessionMonitor:
@@ -147,7 +149,7 @@ class SessionMonitor:
             loss = describe_loss(gaps - self._gaps, lost - self._lost)
             text = f"{loss} at {session.time_s:.1f} s"
             if many:
-                text += f"; this machine or its network is too slow{_buffer_advice()}"
+                text += f"; {_TOO_SLOW}"
             log.warning(text)
             self._gaps, self._lost = gaps, lost
         moved, ignored = session.frames_moved, session.times_ignored
@@ -161,14 +163,3 @@ class SessionMonitor:
             log.warning(
                 f"no sounding frames found ({frames}); check antennas, --tx-gain and --rx-gain"
             )
-
-
-def _buffer_advice():
-    """Advice on socket buffers that are smaller than UHD asks for; empty when they are not."""
-    try:
-        limit = int(_BUFFER_LIMIT.read_text())
-    except (OSError, ValueError):
-        return ""
-    if limit >= _WANTED_BUFFER:
-        return ""
-    return f"; larger socket buffers may help: sysctl -w net.core.rmem_max={_WANTED_BUFFER}"

@@ -19,16 +19,6 @@ _QUIET = {
     "UHD_LOG_FASTPATH_DISABLE": "1",
 }
 _PACKAGES = "GNU Radio's gr-soapy (libgnuradio-soapy) and python3-soapysdr"
-# SoapySDR modules of devices that cannot transmit and receive at once, by their documentation.
-_ONE_WAY = {
-    "hackrf": "a HackRF transmits or receives, but not both at once",
-    "rtlsdr": "an RTL-SDR receives only",
-    "airspy": "an Airspy receives only",
-    "airspyhf": "an Airspy HF+ receives only",
-    "sdrplay": "an SDRplay receives only",
-    "miri": "a Mirics device receives only",
-    "audio": "a sound card is no radio",
-}
 _NANO = 1e-9
 _DRIVER_ERRORS = (RuntimeError, ValueError, LookupError, ArithmeticError)
 # What samples may be late by when they arrive: buffers of drivers hold less.
@@ -48,7 +38,7 @@ class SoapyRadio(Radio):
         _keep_standard_error()
         self._opened = []
         transmits = not request.receive_only
-        args = _arguments("--args", request.args, transmits and request.tx_args is None)
+        args = _arguments("--args", request.args)
         device = self._device(library, "--args", args)
         with self._asking("--args", args):
             _check_receiver(library, device, args, request.antennas)
@@ -57,7 +47,7 @@ class SoapyRadio(Radio):
         if transmits:
             option, other = "--args", args
             if request.tx_args is not None:
-                option, other = "--tx-args", _arguments("--tx-args", request.tx_args, False)
+                option, other = "--tx-args", _arguments("--tx-args", request.tx_args)
             other_device = self._device(library, option, other)
             with self._asking(option, other):
                 _check_transmitter(library, other_device, option, other, other == args)
@@ -183,15 +173,12 @@ def _keep_standard_error():
     sys.stderr = open(kept, "w", encoding="utf-8")
 
 
-def _arguments(option, args, both_ways):
-    """The arguments, which must name a module, and one of radios that can do what is asked."""
+def _arguments(option, args):
+    """The arguments, which must name a module."""
     pairs = (pair.partition("=") for pair in args.split(","))
-    driver = {key.strip(): value.strip() for key, _, value in pairs}.get("driver", "")
-    if not driver:
+    if not {key.strip(): value.strip() for key, _, value in pairs}.get("driver"):
         rule = "must name the SoapySDR module, as driver=lime (`SoapySDRUtil --find` lists devices)"
         raise InputError(option, rule, args)
-    if both_ways and driver in _ONE_WAY:
-        raise InputError(option, f"must name a full-duplex device: {_ONE_WAY[driver]}", args)
     return args
 
 

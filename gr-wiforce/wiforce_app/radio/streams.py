@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The streams of a device: their start, their clock, and the samples."""
 
-import functools
 import math
-import os
-import re
 import socket
 import threading
 import time
@@ -60,11 +57,8 @@ class ClockComparison:
 
 
 # Drivers start a stream within a second or two, by the documentation of their modules.
-_LIMIT_S = 20.0
+_LIMIT_S = 10.0
 _LOOK_S = 0.02
-_MOST_LOG_BYTES = 1 << 16
-# What GNU Radio logs when a block's thread ends with an exception (thread_body_wrapper.h).
-_FAILURE = re.compile(r"ERROR thread\[thread-per-block\[\d+\]: <block [^>]*>\]: ?([^\n]*)")
 
 
 def start_flowgraph(
@@ -76,7 +70,7 @@ def start_flowgraph(
 ) -> None:
     """Start a flowgraph, or raise DeviceUnusable in bounded time, when it cannot be freed.
 
-    GNU Radio waits even for the thread of a block that threw while it started.
+    GNU Radio waits for ever for the thread of a block that threw while it started.
     """
     started, errors = threading.Event(), []
 
@@ -87,50 +81,18 @@ def start_flowgraph(
             errors.append(error)
         started.set()
 
-    with _ErrorLog() as error_log:
-        threading.Thread(target=start, daemon=True).start()
-        deadline = time.monotonic() + limit_s
-        while not started.wait(_LOOK_S):
-            reason = error_log.failure()
-            if reason is None and time.monotonic() > deadline:
-                reason = f"its driver has not started to stream within {limit_s:g} s"
-            if reason is None and stopped():
-                reason = "stopped before its driver started to stream"
-            if reason is not None:
-                rule = f"must name a device that can stream ({reason})"
-                raise DeviceUnusable(option, rule, args)
+    threading.Thread(target=start, daemon=True).start()
+    deadline = time.monotonic() + limit_s
+    while not started.wait(_LOOK_S):
+        reason = ""
+        if time.monotonic() > deadline:
+            reason = f"its driver has not started to stream within {limit_s:g} s"
+        elif stopped():
+            reason = "stopped before its driver started to stream"
+        if reason:
+            raise DeviceUnusable(option, f"must name a device that can stream ({reason})", args)
     if errors:
         raise errors[0]
-
-
-class _ErrorLog:
-    """Keeps the errors that GNU Radio logs to standard output meanwhile; shows nothing else."""
-
-    def __enter__(self):
-        _log_to_standard_output()
-        self._kept, self._file = os.dup(1), os.memfd_create("errors")
-        os.dup2(self._file, 1)
-        self._level = gr.logging().default_level()
-        gr.logging().set_default_level(gr.log_levels.err)
-        return self
-
-    def __exit__(self, *_):
-        gr.logging().set_default_level(self._level)
-        os.dup2(self._kept, 1)
-        os.close(self._kept)
-        os.close(self._file)
-
-    def failure(self):
-        """Why a block's thread has ended; None while none has."""
-        text = os.pread(self._file, _MOST_LOG_BYTES, 0).decode(errors="backslashreplace")
-        found = _FAILURE.search(text)
-        return None if found is None else found[1].strip() or "without a reason"
-
-
-@functools.cache
-def _log_to_standard_output():
-    # GNU Radio's own configuration may send its log elsewhere.
-    gr.logging().add_default_console_sink()
 
 
 # How far ahead the common start is set. A busy machine may miss it; then the next one is tried.

@@ -7,7 +7,6 @@ import sys
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from gnuradio.wiforce.errors import OutputError
 from gnuradio.wiforce.io.readings import GroupCounts
 from gnuradio.wiforce.planning.findings import Finding
@@ -94,13 +93,7 @@ def test_session_monitor_repeats_what_recurs_at_growing_intervals_once_there_is_
     assert written == [3, 4, 6, 10, 18, 34]
 
 
-@pytest.mark.parametrize("buffer, advised", [(212_992, True), (50_000_000, False)])
-def test_session_monitor_many_gaps_advises_larger_socket_buffers(
-    buffer, advised, tmp_path, monkeypatch, capsys
-):
-    limit = tmp_path / "rmem_max"
-    limit.write_text(f"{buffer}\n")
-    monkeypatch.setattr(session_monitor, "_BUFFER_LIMIT", limit)
+def test_session_monitor_many_gaps_advises_larger_socket_buffers(capsys):
     now = [0.0]
     session = session_in_words()
     monitor = session_monitor.SessionMonitor(session, HEALTH, now=lambda: now[0])
@@ -110,8 +103,7 @@ def test_session_monitor_many_gaps_advises_larger_socket_buffers(
         monitor.look()
         said = capsys.readouterr().err
         assert said.count("\n") == 1 and f"{lost} samples lost" in said
-        assert ("is too slow" in said) is warned
-        assert ("net.core.rmem_max" in said) is (warned and advised)
+        assert ("net.core.rmem_max" in said) is warned
 
 
 def test_session_monitor_reports_what_the_survey_of_the_room_finds_once(capsys):
