@@ -65,16 +65,12 @@ def readings_of_reader(plan, *before, input_type="sc16", runs=1, **options):
     return readings
 
 
-def assert_equal_readings(found, expected, last_digit=0):
-    """Compare readings group by group: touch, force, location, phases and flags.
-
-    ``last_digit``: 1 for those of messages, whose numbers are rounded to four decimals.
-    """
+def assert_equal_readings(found, expected):
+    """Compare readings group by group: touch, force, location, phases and flags."""
     assert len(found) == len(expected)
     for own, other in zip(found, expected, strict=True):
         assert [getattr(own, name) for name in EXACT] == [getattr(other, name) for name in EXACT]
         for name, limit in CLOSE.items():
             value, wanted = getattr(own, name), getattr(other, name)
             assert (value is None) == (wanted is None), (name, own.group)
-            limit += last_digit * (1e-2 if name == "snr_db" else 1e-4)
             assert value is None or abs(value - wanted) <= limit, (name, own.group)

@@ -50,7 +50,6 @@ class Room:
     duration_s: float = 2.6
     group: int = GROUP  # snapshots of a phase group
     line: Line = Line()  # that was calibrated
-    title: str = ""  # in the table of what cannot be detected
 
     @property
     def tag(self):
@@ -137,12 +136,9 @@ def _rooms():
 
 
 ROOMS = _rooms()
-# Of the table of what other transmitters cost, beside bursts-20, bursts-45 and hopper.
 OTHER_TRANSMITTERS = {
-    "bursts-30-weak": Room((radio.Bursts(0.3, 10),), title="30 %, 10 dB"),
-    "bursts-20-short": Room(
-        (radio.Bursts(0.2, 25, (20e-6, 60e-6)),), title="20 %, 25 dB, 20 to 60 us long"
-    ),
+    "bursts-30-weak": Room((radio.Bursts(0.3, 10),)),
+    "bursts-20-short": Room((radio.Bursts(0.2, 25, (20e-6, 60e-6)),)),
 }
 # What the scene describes, or what only its levels make difficult.
 DESCRIBED = {
@@ -150,8 +146,13 @@ DESCRIBED = {
     "faint": Room(phase_deg=1.0, force_n=0.5, snr_db=-15.0, static_db=40.0),
 }
 UNDETECTABLE = {
-    name: Room((effect,), False, presses=FOUR_PRESSES, duration_s=4.3, line=line, title=title)
-    for name, (title, line, effect) in CASES.items()
+    name: Room((effect,), False, presses=FOUR_PRESSES, duration_s=4.3, line=line)
+    for name, (line, effect) in CASES.items()
+}
+# Of docs/rooms.md and docs/theory.md.
+TABLES = {
+    "undetectable": list(UNDETECTABLE),
+    "interference": ["clean", "bursts-20", "bursts-45", *OTHER_TRANSMITTERS, "hopper"],
 }
 
 

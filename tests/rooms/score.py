@@ -2,7 +2,7 @@
 """Read captures of real rooms with the product and count confident wrong readings.
 
     build/run python3 tests/rooms/score.py [--room NAME ...] [--seeds 3] [--mixtures 100]
-        [--table NAME] [--stream] [--jobs 1] [--keep FOLDER] [--list]
+        [--stream] [--jobs 1] [--keep FOLDER] [--list]
 
 For every room and seed: a VNA table is calibrated (``gr-wiforce calibrate``), a capture read
 (``gr-wiforce read``, or the block Reader with ``--stream``), and the readings are compared with the
@@ -34,8 +34,7 @@ sys.path[:1] = [str(TESTS), str(TESTS / "helpers"), str(TESTS / "models")]
 from command_runs import rows_of, run_command  # noqa: E402
 
 from rooms.judge import Tally, failures, judge, suspected  # noqa: E402
-from rooms.rooms import ROOMS, room_named, write_room  # noqa: E402
-from rooms.tables import TABLES, markdown  # noqa: E402
+from rooms.rooms import ROOMS, TABLES, room_named, write_room  # noqa: E402
 
 
 def command(*arguments):
@@ -117,6 +116,7 @@ COLUMNS = (
     ("err/std", "force_error_over_std", "{:.2f}"),
     ("in 2s", "force_within_2", "{:.0%}"),
     ("l med", "location_median_mm", "{:.3f}"),
+    ("left out", "rejected", "{:.0%}"),
 )
 
 
@@ -142,20 +142,21 @@ def parse(arguments):
         description="Score the reader in real rooms.", epilog=__doc__.partition("\n\n")[2]
     )
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--room", nargs="+", metavar="NAME", help="rooms, or mixture-SEED")
+    parser.add_argument(
+        "--room",
+        nargs="+",
+        metavar="NAME",
+        help=f"rooms, mixture-SEED, or those of a table: {' or '.join(TABLES)}",
+    )
     parser.add_argument("--seeds", type=int, default=3, help="captures of every room")
     parser.add_argument("--mixtures", type=int, default=0, help="random mixtures, one capture each")
-    parser.add_argument(
-        "--table",
-        choices=list(TABLES),
-        help="a table of docs/rooms.md or docs/theory.md, as there",
-    )
     parser.add_argument("--stream", action="store_true", help="read with the block Reader")
     parser.add_argument("--jobs", type=int, default=1, help="captures at the same time")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep all files there")
     parser.add_argument("--list", action="store_true", help="print the names of the rooms")
     options = parser.parse_args(arguments)
-    for name in options.room or ():
+    options.room = [name for each in options.room or () for name in TABLES.get(each, [each])]
+    for name in options.room:
         try:
             room_named(name)
         except (KeyError, ValueError):
@@ -169,8 +170,6 @@ def main(arguments=None):
         print("\n".join(ROOMS))
         return 0
     names = options.room or ([] if options.mixtures else list(ROOMS))
-    if options.table:
-        names = list(TABLES[options.table].rows)
     seeds = {name: range(1, options.seeds + 1) for name in names}
     seeds |= {f"mixture-{seed}": [seed] for seed in range(1, options.mixtures + 1)}
     read = read_stream if options.stream else read_recording
@@ -191,9 +190,6 @@ def main(arguments=None):
                 tallies[name].add(task.result()[1])
             print(row_of(name, tallies[name].summary()), flush=True)
             total.add(tallies[name])
-    figures = {name: tally.summary() for name, tally in tallies.items()}
-    if options.table:
-        print(markdown(TABLES[options.table], figures))
     rooms_wrong = sum(tally.wrong > 0 for tally in tallies.values())
     print(
         f"wrong: {total.wrong} of {total.unflagged} unflagged readings, "

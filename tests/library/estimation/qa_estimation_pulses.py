@@ -81,26 +81,6 @@ def test_pulses_are_found_and_phases_are_as_good_as_with_ideal_ones(duty, delay_
     np.testing.assert_allclose(groups.gain.mean(axis=0), ideal.gain.mean(axis=0), rtol=0.1)
 
 
-def test_pulses_of_two_tags_are_distinguished():
-    """Each tag has switches of its own; those of one must not be ascribed to the other."""
-    rng = np.random.default_rng(3)
-    duties = (0.244, 0.257), (0.255, 0.246)
-    t = np.arange(12 * LENGTH) * T
-    snapshots = 0.05 * rng.standard_normal((len(t), 62, 2)).view(complex)[..., 0]
-    for clock_hz, duty in zip((1000.0, 1400.0), duties, strict=True):
-        cycles = clock_hz * (1 + 20e-6) * t + rng.random()
-        waves = averaged_switches(cycles, clock_hz * TA, points=401, duty=duty)
-        channel = 1 + 0.3 * (rng.standard_normal((62, 2)) @ [1, 1j])
-        snapshots = snapshots + np.outer(waves @ np.exp(2j * np.pi * rng.random(2)), channel)
-    table = design_weights([1000.0, 1400.0], LENGTH, T, 0.0, 12)
-    clocks = [TagClock(1000.0), TagClock(1400.0)]
-    stage = EndSeparator(table, clocks, WAVEFORM, derotated=False)
-    tones = np.array([table.weights @ group for group in snapshots.reshape(12, LENGTH, 62)])
-    stage.process(Groups(np.arange(12), tones))
-    found = [tag.duty for tag in stage._model.tags]
-    np.testing.assert_allclose(found, duties, atol=2e-4)
-
-
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("snr_db", [-10.0, 10.0])
 def test_ideal_pulses_stay_ideal(snr_db, seed):

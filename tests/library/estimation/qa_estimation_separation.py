@@ -8,10 +8,8 @@ from gnuradio.wiforce.estimation.ends.separation import EndSeparator
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.signal.weights import design_weights
 from plain import (
-    TA,
     WAVEFORM,
     T,
-    averaged_switches,
     bound_of,
     errors_deg,
     make_air,
@@ -52,23 +50,6 @@ def separate(air, groups, clutter_hz=0.0, **how):
 
 def loss_db(errors, bound):
     return 10 * np.log10(np.mean((errors / bound) ** 2, axis=0))
-
-
-def test_ends_equal_least_squares_with_counted_waveforms():
-    """On every subcarrier: tones = W [s1, s2] D, the tones' own noise whitened."""
-    tag = TagOnAir(offset_ppm=-60.0, start_cycles=0.3, untouched_deg=(35.0, -80.0))
-    air = make_air(625, [tag], 1, 30.0)
-    separation = Separation()
-    tones = [separation.tones(air.group(g)) for g in range(12)]
-    last = separation.run_tones(tones)[-1:]
-    weights = separation.table.weights
-    cycles_per_s = 1000.0 * (1 + last.clock_offset_ppm.item() * 1e-6)
-    cycles = last.clock_phase.item() / (2 * np.pi) + cycles_per_s * separation.table.times_s
-    waves = averaged_switches(cycles, cycles_per_s * TA, points=20001)
-    white = np.linalg.inv(np.linalg.cholesky(weights @ weights.conj().T))
-    expected = np.linalg.lstsq(white @ weights @ waves, white @ tones[-1], rcond=None)[0]
-    # Counting errs by 1e-4 per snapshot, 625 of which are averaged.
-    assert np.max(np.abs(last.ends[0] - expected)) < 1e-3
 
 
 def test_separation_stated_noise_gain_and_snr_match_the_errors():

@@ -6,10 +6,9 @@ import shutil
 from functools import lru_cache
 
 import numpy as np
-import pmt
 import pytest
 from chain_runs import readings_of_reader
-from gnuradio import blocks, gr, wiforce
+from gnuradio import wiforce
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.plan import plan
@@ -120,23 +119,6 @@ def test_screen_bursts_10_db_above_noise_are_rejected_where_they_are(press, tmp_
     shares = np.mean(~kept.reshape(-1, 125), axis=1)
     np.testing.assert_allclose(groups.interference, shares)
     assert not groups.missing.any()
-
-
-def test_screen_short_bursts_beyond_the_tag_are_rejected_alone(press, tmp_path):
-    """A burst of 10 us hits one repetition or two, and no frame as a whole."""
-    name, scene, codes = press
-    frames = codes[: len(codes) // FRAME * FRAME].reshape(-1, FRAME, 2).astype(float)
-    amplitude = np.sqrt(noise_power(codes) * 1000 / 2)
-    rng = np.random.default_rng(9)
-    hit = np.arange(20, len(frames) - 20, 20)
-    for frame in hit:
-        at = rng.integers(64, 310 - 125)
-        frames[frame, at : at + 125] += rng.normal(0, amplitude, (125, 2))
-    copy_with(frames.reshape(-1, 2), name, tmp_path / "hit")
-    kept = groups_of(scene, tmp_path / "hit").snapshot_weights.ravel() > 0
-    others = np.setdiff1d(np.arange(len(kept)), hit)
-    assert np.mean(kept[hit[hit < len(kept)]]) < 0.02
-    assert np.mean(~kept[others]) < 0.02  # neighbours with an edge of the tag
 
 
 def phase_errors(scene, readings):
@@ -254,22 +236,3 @@ def test_stream_with_interference_is_read_as_the_recording(
         samples = (codes / np.float32(32768)).astype(np.float32).view(np.complex64)[:, 0]
         source = array_source(samples)
     assert_same(readings_of_reader(scene, source, input_type=input_type), read(scene, hit))
-
-
-@pytest.mark.parametrize("packet", cases(1, 64, long=(7,)))
-def test_vectors_in_packets_carry_the_noise_of_each(press, bursty, packet):
-    """However the scheduler divides the stream, the same snapshots must be rejected."""
-    _, scene, _ = press
-    settings = plan(scene)
-    source = blocks.head(64 * 8, 40 * 125)
-    packets, sink = blocks.copy(64 * 8), blocks.vector_sink_c(64 * len(settings.table.tones))
-    packets.set_max_noutput_items(packet)
-    doppler = wiforce.phase_group_doppler(settings.table.weights, 125)
-    flowgraph = gr.top_block()
-    capture = wiforce.capture_source(bursty, scene)
-    flowgraph.connect(capture, source, packets, doppler, sink)
-    flowgraph.run()
-    tagged = {t.offset: pmt.to_uint64(t.value) for t in sink.tags() if str(t.key) == "rejected"}
-    wanted = np.rint(groups_of(scene, bursty).interference[:40] * 125)
-    assert [tagged.get(n, 0) for n in range(40)] == wanted.tolist()
-    assert sum(tagged.values()) > 500

@@ -253,20 +253,6 @@ def test_simulated_card_flips_steps_and_rounds(tmp_path):
     assert 5.0 < np.ptp(np.quantile(gain_db, [0.05, 0.95])) < 10.0
 
 
-def test_simulated_antennas_wander_against_each_other_on_all_subcarriers(tmp_path):
-    packets, effects = {"interval_s": 0.001, "gaps": "regular"}, {"antenna_wander_db": 0.06}
-    found = simulated(tmp_path, packets, 80, antenna_wander_deg=0.54, **effects)
-    channel = found.channel.astype(complex)
-    against = channel[:, :, 1] / channel[:, :, 0]
-    wander = np.log(against / against.mean(axis=0))
-    assert np.abs(wander - wander.mean(axis=1, keepdims=True)).max() < 1e-3
-    shared = wander.mean(axis=1)
-    for values, std in ((shared.real * 20 / np.log(10), 0.06), (np.degrees(shared.imag), 0.54)):
-        assert np.std(values) == pytest.approx(std, rel=0.1)
-        after = np.corrcoef(values[1:], values[:-1])[0, 1]
-        assert after == pytest.approx(np.exp(-0.2 * np.pi), abs=0.05)
-
-
 def test_packet_survey_finds_snr_phases_and_the_clock_of_a_tag():
     rng = np.random.default_rng(1)
     one, states = np.ones((400, 8, 2), complex), AntennaStates(np.zeros(400, int), 0)

@@ -248,16 +248,6 @@ def test_receiver_tare_before_the_first_reference_is_complete_is_refused():
     assert len(readings) == 12 and all(r.touch == 0 for r in readings)
 
 
-def test_receiver_batches_without_groups_change_nothing():
-    plan = make_plan()
-    groups = recorded_groups(plan, 0, 30)
-    receiver, found = Receiver(plan, derotated=False), []
-    for row in range(0, 30, 10):
-        assert receiver.process(groups[:0]) == []
-        found += receiver.process(groups[row : row + 10])
-    assert_equal(found + receiver.finish(), readings_of(plan, groups, 30))
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -221,50 +221,6 @@ def test_stream_touched_tare_is_no_survey(groups, force, ends):
     assert reader.plan is settings
 
 
-def test_stream_reads_on_while_weights_are_exchanged(groups, monkeypatch):
-    """Whoever asks for the state in that moment, from another thread, sees no acquisition."""
-    use, states = StreamReader._use, []
-
-    def ask(reader, *arguments):
-        use(reader, *arguments)
-        states.append(reader.state)
-
-    monkeypatch.setattr(StreamReader, "_use", ask)
-    reader = stream(wiforce.plan(SCENE), groups["quiet"][:TARE] + groups["busy"][TARE:], TARE)[0]
-    assert states == ["acquiring", "reading"] and reader.state == "reading"
-
-
-def test_stream_long_groups_are_read_on_while_weights_are_exchanged(groups):
-    """A tare may be shorter than what the clocks are acquired in."""
-    tare = 8
-    received = [
-        SnapshotGroup(
-            index,
-            np.concatenate([group.folded for group in joined]),
-            np.concatenate([group.present for group in joined]),
-            np.concatenate([group.kept for group in joined]),
-        )
-        for index in range(24)
-        for joined in [groups["quiet" if index < tare else "busy"][index * 3 :][:3]]
-        if len(joined) == 3
-    ]
-    settings = wiforce.plan(SCENE | {"phase_group": {"snapshots": 960}, "reference_s": 0.3})
-    reader, readings, states, delays = StreamReader(settings), [], [], []
-    for group in received:
-        if group.index == tare:
-            reader.tares.request()
-        readings += reader.process([group])
-        states.append(reader.state)
-        delays.append(group.index + 1 - len(readings))
-    assert reader.plan is not settings and reader.tares.state.state == "complete"
-    # As many more as a slip may still be found in.
-    wait = Slips(settings.group_length).unsure
-    assert states[tare:] == ["reference"] * (2 + wait) + ["reading"] * (
-        len(states) - tare - 2 - wait
-    )
-    assert max(delays[tare:]) == 1 + wait and delays[-1] == 1
-
-
 def test_stream_state_is_that_of_one_receiver(groups):
     """Weights may be exchanged between any two looks of the thread that asks."""
 
@@ -303,15 +259,6 @@ def test_stream_room_that_cannot_be_planned_for_is_read_with_the_present_weights
     touched = [r for r in readings if r.touch == 1 and not r.flags]
     assert len(touched) >= 5
     assert all(abs(r.force_n - 4.0) < 4 * r.force_std_n for r in touched)
-
-
-def test_stream_room_that_is_quiet_again_returns_to_the_scene_s_plan(groups):
-    settings = wiforce.plan(SCENE)
-    received = groups["busy"][:TARE] + groups["quiet"][TARE:]
-    reader, readings, plans = stream(settings, received, TARE)
-    assert plans[TARE] is not settings and reader.plan is settings
-    assert reader.findings == []
-    assert_right(readings)
 
 
 def test_stream_room_is_surveyed_again_without_a_tare_while_nothing_is_touched(groups):

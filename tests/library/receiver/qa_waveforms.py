@@ -13,9 +13,7 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.recording import RecordingReader
-from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.bound import phase_bound_deg
-from gnuradio.wiforce.signal.symbols import encode_symbol
 from second_simulator import Tag, write_vna
 from waveform_captures import Air, chirp, zadoff_chu
 
@@ -140,15 +138,6 @@ def test_capture_is_read_elsewhere_without_the_file_of_its_symbol(tmp_path):
     there = run_command("read", elsewhere / "run")
     assert here.returncode == there.returncode == 0, here.stderr + there.stderr
     assert there.stdout == here.stdout and here.stdout.count("\n") > 5
-
-
-def test_metadata_hold_the_symbol_as_complex64_in_base64(tmp_path):
-    scene = load_scene(tiny(tmp_path))
-    symbol = chirp(48)
-    largest = max(np.abs(symbol.real).max(), np.abs(symbol.imag).max())
-    assert scene.as_dict()["sounding"]["symbol"] == encode_symbol(symbol / largest)
-    again = load_scene(scene.as_dict())
-    np.testing.assert_array_equal(again.waveform().preamble, scene.waveform().preamble)
 
 
 def test_subcarriers_without_energy_are_not_used(tmp_path):

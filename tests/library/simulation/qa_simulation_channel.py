@@ -142,7 +142,7 @@ def test_channel_moving_clutter_has_stated_power_in_band():
     one = scene(moving_clutter_db=30, moving_hz=60)
     channel = AirChannel(one)
     channel.sensors["s0"].on = False
-    frames = 26041  # 1.5 s
+    frames = 13021  # 0.75 s
     h = snapshots(channel, one, frames)[:, ::10]
     power = np.mean(np.abs(h) ** 2)
     assert 10 * np.log10(power / harmonics(1)[0] ** 2) == pytest.approx(30, abs=1.0)
@@ -198,17 +198,6 @@ def test_channel_out_of_order_samples_raise_until_restart():
     assert np.abs(channel.process(np.zeros(10), 1000)).max() < 1e-4
 
 
-def test_channel_silence_gives_white_noise():
-    one = scene(snr_db=0)
-    channel = AirChannel(one)
-    noise = channel.process(np.zeros(400_000), 0)
-    assert np.mean(np.abs(noise) ** 2) == pytest.approx(channel.noise_std**2, rel=0.01)
-    assert abs(np.mean(noise**2)) < 0.01 * channel.noise_std**2  # circular
-    for lag in (1, 64, 720, 32768):
-        correlation = np.vdot(noise[:-lag], noise[lag:]) / np.vdot(noise, noise)
-        assert abs(correlation) < 5 / np.sqrt(len(noise))
-
-
 def test_channel_changes_while_running_take_effect():
     one = scene(clock_drift_ppm_per_s=0)
     channel = AirChannel(one)
@@ -252,21 +241,3 @@ def test_touch_state_follows_presses_of_scene():
     places = [np.nan, 45, 45, 45, 45, 45, np.nan, 30, 30, 30, np.nan]
     np.testing.assert_array_equal(state.location_mm, places)
     np.testing.assert_array_equal(state.touch, np.array(forces) >= 0.9)
-
-
-def test_touch_state_tremor_has_stated_rms_at_8_to_12_hz():
-    press = {
-        "start_s": 1.0,
-        "rise_s": 0.1,
-        "hold_s": 20,
-        "force_n": 4,
-        "location_mm": 45,
-        "tremor_n": 0.2,
-    }
-    channel = AirChannel(scene(presses=[press], duration_s=30))
-    times = 1.1 + np.arange(2000) / 100
-    tremor = channel.touch_state(times)["s0"].force_n - 4
-    assert np.std(tremor) == pytest.approx(0.2, rel=0.02)
-    power = np.abs(np.fft.rfft(tremor)) ** 2
-    hz = np.fft.rfftfreq(len(times), 0.01)
-    assert power[(hz > 8) & (hz < 12)].sum() > 0.99 * power.sum()

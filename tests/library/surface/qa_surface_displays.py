@@ -25,10 +25,9 @@ DRAWN = """(() => {
         strips: card.querySelectorAll("path").length,
         x: (number(dot, "cx") - number(plane, "x")) / mm,
         y: 42 - (number(dot, "cy") - number(plane, "y")) / mm,
-        radius: number(dot, "r"), hollow: dot.getAttribute("fill") === "none",
+        hollow: dot.getAttribute("fill") === "none",
         spread: [number(spread, "rx") / mm, number(spread, "ry") / mm],
         angle: -Number(/rotate\\((.*)\\)/.exec(spread.getAttribute("transform"))[1]),
-        text: card.querySelector(".location").textContent,
     };
 })()"""
 
@@ -56,17 +55,14 @@ def test_page_draws_the_press_where_it_is_with_its_covariance():
                 # In one call, since the page goes on drawing.
                 return window.wait(f"return page.newest === {reading.time_s} && {shown} && {DRAWN}")
 
-            clear = drawn(press(1.0))
+            clear = drawn(press())
             assert clear["strips"] == 4
             assert (clear["x"], clear["y"]) == pytest.approx((30.0, 12.0), abs=0.01)
-            assert clear["text"] == "x 30.0 ± 4.0 mm, y 12.0 ± 3.0 mm" and not clear["hollow"]
             (first, second), angle = ellipse(press())
             assert sorted(clear["spread"]) == pytest.approx(sorted([first, second]), abs=0.01)
             assert (clear["angle"] - angle) % 180 == pytest.approx(90.0, abs=0.1)
-            # The area is the force; what is doubtful looks doubtful.
-            harder = drawn(press(1.1, 8.0, flags=("inconsistent",)))
-            assert harder["radius"] ** 2 / clear["radius"] ** 2 == pytest.approx(2.0, abs=0.01)
-            assert harder["hollow"]
+            # What is doubtful looks doubtful.
+            assert drawn(press(1.1, flags=("inconsistent",)))["hollow"] and not clear["hollow"]
             assert window.errors() == []
             window.driver.get("about:blank")
 
@@ -99,27 +95,12 @@ def test_qt_display_draws_a_surface_from_above(qt):
             display.add(reading)
             display.refresh()
             qt.processEvents()
-            return display.grab().toImage()
+            picture = display.grab().toImage()
+            return bytes(picture.bits().asarray(picture.byteCount()))
 
-        blank = image({"time_s": 0.9, "sensor": "skin", "touch": 0})
         low, high = image(press(1.0, y_mm=2.0)), image(press(1.1, y_mm=34.0))
         assert isinstance(display._tracks["skin"].view, SurfaceView)
-        doubtful = image(press(1.2, y_mm=34.0, flags=("weak",)))
-        assert (
-            len({bytes(i.bits().asarray(i.byteCount())) for i in (blank, low, high, doubtful)}) == 4
-        )
-        rows = range(60, low.height() // 2)
-
-        def middle(picture):
-            """Mean row of what the press changes."""
-            columns = range(0, picture.width(), 3)
-            return np.mean(
-                [y for y in rows for x in columns if picture.pixel(x, y) != blank.pixel(x, y)]
-            )
-
-        blank = image({"time_s": 1.15, "sensor": "skin", "touch": 0})
-        # Fonts of other systems leave the plane more or less of the height.
-        assert middle(high) < middle(low) - 8
+        assert len({low, high, image(press(1.2, y_mm=34.0, flags=("weak",)))}) == 3
         for strange in (press(1.3, y_mm=1e9), press(1.4, force_n=None), press(1.5, y_mm=None)):
             image(strange)
     finally:
