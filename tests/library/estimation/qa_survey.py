@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.room.sources import RoomLine
-from gnuradio.wiforce.estimation.room.survey import survey_channel, survey_folded, survey_samples
+from gnuradio.wiforce.estimation.room.survey import survey_channel, survey_samples
 from gnuradio.wiforce.planning.adaptation import (
     adapted,
     added_noise,
     expecting_snr,
     room_noise_of_tones,
-    survey_reference,
-    without_slip,
 )
 from gnuradio.wiforce.planning.findings import findings, level_reference, other_clock_hz
 from gnuradio.wiforce.planning.plan import Plan, plan
@@ -384,46 +382,6 @@ def test_other_clock_that_does_not_separate_is_not_named(own_plan, monkeypatch):
     usable = property(lambda changed: changed.clocks[0].clock_hz != named)
     monkeypatch.setattr(Plan, "separable", usable)
     assert other_clock_hz(own_plan, 0, lines) not in (named, None)
-
-
-def frames_with(slip, at, static_db=50.0, seed=3):
-    """Folded frames of a static path and a tag in noise, later by ``slip`` from ``at`` on."""
-    rng = np.random.default_rng(seed)
-    symbol = WAVEFORM.frame()[:64]
-    echo = symbol + 0.3j * np.roll(symbol, 3)
-    clock = np.sign(np.sin(2 * np.pi * OWN_HZ * TIME_S))[:, None]
-    tag = 0.5 * (1 + clock) * np.exp(0.7j) * np.roll(symbol, 1)
-    frames = 10 ** (static_db / 20) * echo + tag
-    frames[at:] = np.roll(frames[at:], slip, axis=1)
-    noise = rng.standard_normal((COUNT, 64, 2)) @ [1.0, 1j]
-    return frames + 0.3 * np.std(symbol) * noise
-
-
-@pytest.mark.parametrize("slip, at", [(1, 5000), (23, 1203), (-7, 4096)])
-def test_survey_frame_slip_is_left_out(slip, at):
-    """Frames that slipped unnoticed look like a strong path that moves, and hide the tag."""
-    kept = without_slip(frames_with(slip, at))
-    longer = max(at, COUNT - at)
-    assert longer - 48 < len(kept) <= longer
-    found = survey_reference(settings(), np.arange(COUNT), frames_with(slip, at))
-    expected = survey_reference(settings(), np.arange(COUNT), frames_with(0, COUNT))
-    assert found.sources == expected.sources == []
-    assert found.clocks[0].height > 0.9 * len(kept) / COUNT * expected.clocks[0].height
-    with_slip = survey_folded(frames_with(slip, at), WAVEFORM, settings().clocks)
-    assert with_slip.sources or with_slip.clocks[0].height < 0.1 * found.clocks[0].height
-
-
-def test_survey_of_the_largest_floats_does_not_overflow():
-    """16-bit integers that were opened as floats filled the console with NumPy's warnings."""
-    frames = np.full((1024, 64), 3e38 + 3e38j, np.complex64)
-    with np.errstate(all="raise"):
-        assert without_slip(frames) is frames
-
-
-@pytest.mark.parametrize("static_db", [-200.0, 0.0, 50.0])
-def test_survey_without_slip_is_of_all_snapshots(static_db):
-    frames = frames_with(0, COUNT, static_db)
-    assert without_slip(frames) is frames
 
 
 @pytest.mark.parametrize("clock_hz, counts", [(1040, CARRIERS), (1000, 1), (1050, 1)])
