@@ -2,6 +2,7 @@
 """A short press as captured samples, and a source of them for flowgraphs."""
 
 import numpy as np
+import pmt
 from gnuradio import gr
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
@@ -72,3 +73,17 @@ def run_flowgraph(*chain):
     flowgraph = gr.top_block()
     flowgraph.connect(*chain)
     flowgraph.run()
+
+
+def numbers_in(sink, key):
+    """Whole numbers in the tags of a sink, by the offset of their items."""
+    return {tag.offset: pmt.to_uint64(tag.value) for tag in sink.tags() if str(tag.key) == key}
+
+
+def counted_on(tagged, count):
+    """Numbers of so many items, of which those are tagged that do not follow on."""
+    found, number = [], None
+    for n in range(count):
+        number = tagged.get(n, None if number is None else number + 1)
+        found.append(number)
+    return found

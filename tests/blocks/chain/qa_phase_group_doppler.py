@@ -5,6 +5,7 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
+from press_capture import array_source, numbers_in
 
 
 def snapshot_tag(offset, index):
@@ -21,7 +22,7 @@ class Run:
         jumps = [n for n in range(len(indices)) if n == 0 or indices[n] != indices[n - 1] + 1]
         tags = [snapshot_tag(n, int(indices[n])) for n in jumps]
         items = np.asarray(snapshots, np.complex64)
-        source = blocks.vector_source_c(items.ravel().tolist(), False, 64, tags)
+        source = array_source(items, tags)
         packets = blocks.copy(64 * gr.sizeof_gr_complex)
         if chunk:
             packets.set_max_noutput_items(chunk)
@@ -33,8 +34,8 @@ class Run:
         flowgraph.run()
         self.block = doppler
         self.tones = np.array(sink.data()).reshape(-1, doppler.rows(), 64)
-        self.groups = self._tag_values(sink, "group")
-        self.missing = self._tag_values(sink, "missing")
+        self.groups = numbers_in(sink, "group")
+        self.missing = numbers_in(sink, "missing")
         self.static = [
             pmt.c32vector_elements(t.value) for t in sink.tags() if str(t.key) == "static"
         ]
@@ -49,10 +50,6 @@ class Run:
                     np.array(pmt.c32vector_elements(data)).reshape(-1, 64),
                 )
             )
-
-    @staticmethod
-    def _tag_values(sink, key):
-        return {t.offset: pmt.to_uint64(t.value) for t in sink.tags() if str(t.key) == key}
 
 
 def tones(snapshots, weights):

@@ -7,26 +7,19 @@ import pytest
 from device_times import NO_TIMES, rx_time
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
-from press_capture import run_flowgraph
+from press_capture import array_source, counted_on, numbers_in, run_flowgraph
 
 
 def run_fold(samples, tags=(), chunk=None, **parameters):
     """Folded vectors, {offset: snapshot} and the block, after a run over the samples."""
     fold = wiforce.preamble_fold(**parameters)
-    if parameters.get("item_type") == "sc16":
-        # vector_source has no complex int16: pairs of shorts have its layout.
-        pairs = np.asarray(samples, np.int16).reshape(-1)
-        source = blocks.vector_source_s(pairs.tolist(), False, 2, list(tags))
-        packets = blocks.copy(2 * gr.sizeof_short)
-    else:
-        source = blocks.vector_source_c(np.asarray(samples).tolist(), False, 1, list(tags))
-        packets = blocks.copy(gr.sizeof_gr_complex)
+    source = array_source(samples, tags)
+    packets = blocks.copy(samples[:1].nbytes)
     if chunk:
         packets.set_max_noutput_items(chunk)
     sink = blocks.vector_sink_c(64)
     run_flowgraph(source, packets, fold, sink)
-    indices = {t.offset: pmt.to_uint64(t.value) for t in sink.tags() if str(t.key) == "snapshot"}
-    return np.array(sink.data()).reshape(-1, 64), indices, fold
+    return np.array(sink.data()).reshape(-1, 64), numbers_in(sink, "snapshot"), fold
 
 
 def reference_fold(samples, frame_length, first=64, repetitions=4, offset=0):
@@ -78,8 +71,7 @@ def test_flowgraph_that_is_started_again_reads_tags_from_its_first_item_on():
     flowgraph.run()
     assert fold.gaps() == 1 and fold.samples_lost() == 125_000_000 - len(samples)
     first = 125_000_000 // 720 + 1  # its frame begins within the gap's last frame
-    indices = {t.offset: pmt.to_uint64(t.value) for t in sink.tags() if str(t.key) == "snapshot"}
-    assert first in indices.values()
+    assert first in numbers_in(sink, "snapshot").values()
 
 
 def with_losses(samples, losses, rate, start=1000.25):
@@ -117,11 +109,7 @@ def test_lost_samples_cost_their_snapshots_and_no_others(losses, chunk):
     )
     np.testing.assert_allclose(folded, reference_fold(samples, 720)[whole], atol=1e-6)
     # The index of every snapshot follows from the tags before it.
-    found, index = [], None
-    for n in range(len(folded)):
-        index = indices.get(n, None if index is None else index + 1)
-        found.append(index)
-    assert found == whole
+    assert counted_on(indices, len(folded)) == whole
     assert fold.gaps() == len(losses)
     assert fold.samples_lost() == sum(count for _, count in losses)
 
@@ -233,11 +221,7 @@ def test_mean_frame_is_empty_without_all_frames(frames):
 
 def run_tones(samples, tags, chunk, chain):
     """Tones, their tags and the PDUs of incomplete groups, as plain values."""
-    if samples.dtype == np.int16:
-        source = blocks.vector_source_s(samples.ravel().tolist(), False, 2, tags)
-    else:
-        source = blocks.vector_source_c(samples.tolist(), False, 1, tags)
-    packets = blocks.copy(source.output_signature().sizeof_stream_item(0))
+    source, packets = array_source(samples, tags), blocks.copy(samples[:1].nbytes)
     if chunk:
         packets.set_max_noutput_items(chunk)
     length = chain[-1].output_signature().sizeof_stream_item(0) // gr.sizeof_gr_complex

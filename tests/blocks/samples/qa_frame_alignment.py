@@ -13,7 +13,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.frame import MARGIN, measure_levels
 from gnuradio.wiforce.io.capture import Segment, open_capture
 from gnuradio.wiforce.signal.waveform import sounding_waveform
-from press_capture import run_flowgraph
+from press_capture import array_source, run_flowgraph
 
 RATE = 12.5e6
 WAVEFORM = sounding_waveform()
@@ -31,20 +31,14 @@ def stream(before, frames, seed=1):
 def align(samples, tags=(), **parameters):
     """What passes the block, its rx_time tags {offset: seconds}, and the block."""
     block = wiforce.frame_alignment(search_frames=20, **parameters)
+    items, sink = samples, blocks.vector_sink_c()
     if parameters.get("item_type") == "sc16":
-        codes = np.rint(samples.view(np.float32) * 32768).astype(np.int16)
-        source, sink = blocks.vector_source_s(codes.tolist(), False, 2, list(tags)), None
+        items = np.rint(samples.view(np.float32) * 32768).astype(np.int16).reshape(-1, 2)
         sink = blocks.vector_sink_s(2)
-    else:
-        source = blocks.vector_source_c(samples.tolist(), False, 1, list(tags))
-        sink = blocks.vector_sink_c()
+    source = array_source(items, tags)
     run_flowgraph(source, block, sink)
-    times = {
-        tag.offset: pmt.to_uint64(pmt.tuple_ref(tag.value, 0))
-        + pmt.to_double(pmt.tuple_ref(tag.value, 1))
-        for tag in sink.tags()
-        if str(tag.key) == "rx_time"
-    }
+    tags = [tag for tag in sink.tags() if str(tag.key) == "rx_time"]
+    times = {tag.offset: sum(pmt.to_python(tag.value)) for tag in tags}
     return np.array(sink.data()), times, block
 
 
@@ -90,7 +84,7 @@ def test_bad_parameters_are_refused(wrong):
 
 
 def record(path, samples, tags, **parameters):
-    source = blocks.vector_source_c(samples.tolist(), False, 1, list(tags))
+    source = array_source(samples, tags)
     recorder = wiforce.sigmf_recorder(path, **parameters)
     run_flowgraph(source, recorder)
     return recorder
@@ -116,7 +110,7 @@ def test_a_flowgraph_that_is_started_again_goes_on_with_the_recording(tmp_path):
     parts = [(samples[:5000], 1.0), (samples[5000:], 1.0 + 6000 / RATE)]
     for part, start_s in parts:
         tags = [rx_time(0, start_s), rx_time(4000, start_s + 4100 / RATE)]
-        run_flowgraph(blocks.vector_source_c(part.tolist(), False, 1, tags), recorder)
+        run_flowgraph(array_source(part, tags), recorder)
     assert recorder.failure is None
     capture = open_capture(tmp_path / "run")
     assert np.array_equal(capture.read(len(samples)), samples)
@@ -129,7 +123,7 @@ def test_a_recording_never_joins_what_may_lie_any_time_apart(tmp_path, start_s):
     samples = stream(0, 30)
     recorder = wiforce.sigmf_recorder(tmp_path / "run")
     for tags in ([rx_time(0, 1.0)], [] if start_s is None else [rx_time(0, start_s)]):
-        run_flowgraph(blocks.vector_source_c(samples.tolist(), False, 1, tags), recorder)
+        run_flowgraph(array_source(samples, tags), recorder)
     assert "no rx_time reports the samples lost" in recorder.failure.strerror
     assert open_capture(tmp_path / "run").segments == (Segment(0, 0, len(samples)),)
 

@@ -14,7 +14,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.wiforce_kernels import folded_reader, tone_reader
 from long_cases import cases
-from press_capture import run_flowgraph
+from press_capture import counted_on, numbers_in, run_flowgraph
 
 FRAME, GROUP, TONES = 720, 6, 5
 WAVEFORM = sounding_waveform()
@@ -92,7 +92,7 @@ def test_tone_reader_over_gaps_gives_what_the_flowgraph_gives(capture, settings,
     assert tones.dtype == np.complex64 and tones.shape == want.shape
     np.testing.assert_array_equal(tones, want)
     for key, values in (("group", index), ("missing", missing), ("saturated", saturated)):
-        tagged = {t.offset: pmt.to_uint64(t.value) for t in sink.tags() if str(t.key) == key}
+        tagged = numbers_in(sink, key)
         assert values.tolist() == [tagged.get(n, 0) for n in range(len(want))], key
     assert len(index) > 5
     assert reader.snapshots() == source.snapshots()
@@ -119,15 +119,9 @@ def test_folded_reader_over_gaps_gives_what_the_block_gives(capture, batch_size)
     source, sink = wiforce.recording_source(*capture), blocks.vector_sink_c(64)
     run_flowgraph(source, sink)
     np.testing.assert_array_equal(folded, np.array(sink.data()).reshape(-1, 64))
-    index, indices = None, []
-    tagged = {t.offset: pmt.to_uint64(t.value) for t in sink.tags() if str(t.key) == "snapshot"}
-    for n in range(len(folded)):
-        index = tagged.get(n, None if index is None else index + 1)
-        indices.append(index)
-    assert snapshot.tolist() == indices
-    full_scale = {t.offset for t in sink.tags() if str(t.key) == "saturated"}
+    assert snapshot.tolist() == counted_on(numbers_in(sink, "snapshot"), len(folded))
     assert saturated.dtype == bool
-    assert set(np.flatnonzero(saturated)) == full_scale
+    assert set(np.flatnonzero(saturated)) == set(numbers_in(sink, "saturated"))
 
 
 LONG_GROUP = 256  # is not read at once, so that two are folded side by side

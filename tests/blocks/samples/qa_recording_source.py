@@ -8,7 +8,7 @@ from device_times import rx_time
 from gnuradio import blocks, wiforce
 from gnuradio.wiforce.blocks import names
 from gnuradio.wiforce.errors import InputError
-from press_capture import run_flowgraph
+from press_capture import array_source, counted_on, run_flowgraph
 
 FRAME = 720
 
@@ -32,10 +32,10 @@ def value_of(tag):
     return pmt.to_uint64(tag.value)
 
 
-def run(source):
-    """Output and tags {key: {offset: value}} of a source."""
+def run(*chain):
+    """Output and tags {key: {offset: value}} of a chain."""
     sink = blocks.vector_sink_c(64)
-    run_flowgraph(source, sink)
+    run_flowgraph(*chain, sink)
     tags = {}
     for tag in sink.tags():
         if str(tag.key) != names.NOISE:  # held to a reference in qa_interference.py
@@ -93,11 +93,7 @@ def test_folded_vectors_and_indices_follow_the_grid_over_gaps(tmp_path, datatype
     signal = as_complex(samples)
     want = np.array([signal[base + f * FRAME :][:256].reshape(4, 64).mean(0) for f in frames])
     np.testing.assert_allclose(folded, want, atol=1e-6)  # a few ulp of values near 1
-    found, index = [], None
-    for n in range(len(folded)):
-        index = tags["snapshot"].get(n, None if index is None else index + 1)
-        found.append(index)
-    assert found == frames
+    assert counted_on(tags["snapshot"], len(folded)) == frames
     assert source.snapshots() == len(frames)
     assert source.samples_missing() == 0
 
@@ -174,16 +170,7 @@ def test_frames_that_move_without_a_tag_are_followed_as_in_a_stream_to_the_last_
 def folded_in_a_stream(samples, item_type, times, length, offset):
     """Output and tags of preamble_fold on samples with an rx_time at some items."""
     tags = [rx_time(item, seconds) for item, seconds in times]
-    if item_type == "sc16":
-        source = blocks.vector_source_s(samples.ravel().tolist(), False, 2, tags)
-    else:
-        values = samples[:, 0] + 1j * samples[:, 1]
-        source = blocks.vector_source_c(values.tolist(), False, 1, tags)
+    if item_type == "fc32":
+        samples = (samples[:, 0] + 1j * samples[:, 1]).astype(np.complex64)
     fold = wiforce.preamble_fold(length, 3, 1, frame_offset=offset, item_type=item_type)
-    sink = blocks.vector_sink_c(64)
-    run_flowgraph(source, fold, sink)
-    found = {}
-    for tag in sink.tags():
-        if str(tag.key) != names.NOISE:
-            found.setdefault(str(tag.key), {})[tag.offset] = value_of(tag)
-    return np.array(sink.data()).reshape(-1, 64), found
+    return run(array_source(samples, tags), fold)
