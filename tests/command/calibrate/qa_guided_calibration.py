@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The dialogue of `gr-wiforce calibrate --live` with a scripted person."""
 
+import math
 import os
 import re
 import time
@@ -124,51 +125,42 @@ def test_quitting_keeps_everything_and_the_next_run_continues(sensor, path, end)
     assert [each.force_n for each in after] == [0, 1, 2, 4, 0, 6, 8, 0, 1, 2, 4, 6, 8]
 
 
-def test_undone_measurement_is_asked_for_again(sensor, path):
-    _, shown, measurements = run(sensor, path, ["1", "2", "u"])
-    assert "removed: 2.00 N at 30 mm" in shown
-    assert [each.force_n for each in measurements[:4]] == [0, 1, 2, 4]
+@pytest.mark.parametrize(
+    ("answers", "said", "stored"),
+    [
+        (["1", "2", "u"], "removed: 2.00 N at 30 mm", [0, 1, 2, 4, 6, 8]),
+        (["u"], "removed: the untouched sensor", [0, 1, 2, 4, 6, 8]),
+        (["s", "2", "n"], "", [0, 2]),
+    ],
+)
+def test_undone_measurement_is_asked_for_again_and_skipped_ones_are_not(
+    sensor, path, answers, said, stored
+):
+    finished, shown, measurements = run(sensor, path, answers)
+    assert finished and said in shown
+    assert [each.force_n for each in measurements] == [*stored, 0, 1, 2, 4, 6, 8]
 
 
-def test_undone_untouched_measurement_is_taken_again(sensor, path):
-    _, shown, measurements = run(sensor, path, ["u"])
-    assert "removed: the untouched sensor" in shown and len(measurements) == 12
-
-
-def test_skipped_forces_and_locations_are_omitted(sensor, path):
-    finished, _, measurements = run(sensor, path, ["s", "2", "n"])
-    assert finished
-    assert [each.force_n for each in measurements if each.location_mm == 30] == [2]
-    assert len([each for each in measurements if each.location_mm == 50]) == 5
-
-
-@pytest.mark.parametrize("forces_n", [(1.0, 2.0), (1.0, 2.0, 3.0, 4.0, 5.0)])
-def test_location_left_early_does_not_cost_the_sensor(tmp_path, monkeypatch, forces_n):
+def test_location_left_early_does_not_cost_the_sensor(tmp_path, monkeypatch):
     """An hour of work at four locations would be refused for the fifth."""
     path, output = tmp_path / "arm.taps.csv", tmp_path / "arm.yaml"
     held = HandHeldSensor()
     session = CalibrationSession(SessionPlan("arm", 900e6), path)
     session.add(measure_untouched(held.readings(), 0.6))
     for location_mm in (20.0, 30.0, 40.0, 50.0, 60.0):
-        for held.force_n in (1.0, 2.0, 4.0, 6.0, 8.0) if location_mm < 60 else forces_n:
-            held.location_mm = location_mm
-            session.add(measure_press(held.readings(), location_mm, held.force_n, 0.6))
+        for force_n in (1.0, 2.0, 4.0, 6.0, 8.0)[: 2 if location_mm == 60 else 5]:
+            held.location_mm, held.force_n = location_mm, force_n
+            session.add(measure_press(held.readings(), location_mm, force_n, 0.6))
     monkeypatch.setattr("wiforce_app.calibrate.calibrate.guide", lambda *_: 900e6)
     command = [path, "-o", output, "--live", "--scene", "demo", "--args", "addr=127.0.0.1"]
     done = CliRunner().invoke(calibrate, list(map(str, command)))
     assert done.exit_code == 0, done.output
-    complete = len(forces_n) == 5
-    assert load_sensor(output).location_span_mm == (20.0, 60.0 if complete else 50.0)
+    assert load_sensor(output).location_span_mm == (20.0, 50.0)
 
 
 def test_finishing_early_makes_a_sensor_of_what_is_stored(sensor, path):
     finished, _, measurements = run(sensor, path, ["1", "f"])
     assert finished and len(measurements) == 2
-
-
-def test_help_and_progress_are_shown_on_request(sensor, path):
-    _, shown, _ = run(sensor, path, ["?", "r"])
-    assert "undo: remove the last measurement" in shown and "0 of 10 measurements" in shown
 
 
 def test_tare_while_pressed_is_carried_out_when_repeated(sensor, path):
@@ -234,21 +226,23 @@ def test_force_typed_beside_a_scale_is_refused(sensor, path):
     assert "must be empty: the scale measures" in shown and len(measurements) == 12
 
 
-def test_scale_that_stops_sending_is_reported_and_waited_for(sensor, path):
+def test_scale_that_stops_sending_is_reported_and_waited_for(sensor, path, monkeypatch):
     """A force of some seconds ago would be stored with the phases of now."""
+    monkeypatch.setattr("gnuradio.wiforce.calibration.gauges._SILENCE_S", 0.2)
     scale = FakeScale(sensor)
 
     def fall_silent(force_n, location_mm):
-        scale.silent_until = time.monotonic() + 2.5
+        scale.silent_until = math.inf
         return ""
 
     def plug_in_again(force_n, location_mm):
-        time.sleep(max(0, scale.silent_until - time.monotonic()))
+        scale.silent_until = 0
+        scale.poll()
         return ""
 
     answers = ["", fall_silent, plug_in_again]
     _, shown, measurements = run(sensor, path, answers, scale=scale)
-    assert shown.count("scale: has sent no force for 2 s; check its cable") == 1
+    assert shown.count("scale: has sent no force for") == 1
     assert [each.force_n for each in measurements[1:6]] == [1, 2, 4, 6, 8]
 
 

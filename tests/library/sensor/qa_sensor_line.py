@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 import scipy.constants  # noqa: F401  scikit-rf uses it without importing it
 from gnuradio.wiforce._config import DATA_DIR
-from gnuradio.wiforce.calibration.tables import read_vna_csv
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import load_sensor
-from gnuradio.wiforce.sensor.line import ContactLaw, round_trip_deg_per_mm
+from gnuradio.wiforce.sensor.line import ContactLaw
 from gnuradio.wiforce.sensor.microstrip import (
     Microstrip,
-    effective_permittivity,
     strips_impedance_ohm,
     tag_timer,
 )
@@ -71,29 +69,6 @@ def test_the_contact_solves_the_beam_on_its_foundation():
         assert math.exp(-u) * (math.cos(u) + math.sin(u)) == pytest.approx(0.9 / force, rel=1e-9)
 
 
-def test_published_short_moves_further_than_that_of_the_line_as_docs_say():
-    """`line-*` is no fit: who compares simulated errors with the paper's must know by how much."""
-    moved = {}
-    for mhz in (900, 2400):
-        table = read_vna_csv(Path(DATA_DIR) / "data" / "paper" / "vna.csv", mhz * 1e6)
-        for place, port in {*zip(table.location_mm, table.port, strict=True)}:
-            own = table.take((table.location_mm == place) & (table.port == port))
-            phase = np.unwrap(own.phase_deg, period=360)
-            first_n = max(2.0, own.force_n.min())
-            change = np.diff(np.polyval(np.polyfit(own.force_n, phase, 3), [first_n, 7.65]))[0]
-            moved[mhz, int(place), int(port)] = change / round_trip_deg_per_mm(mhz * 1e6)
-    near, far = [moved[900, 20, 1], moved[900, 60, 2]], [moved[900, 20, 2], moved[900, 60, 1]]
-    assert near == pytest.approx([8.1, 7.5], abs=0.06)
-    assert far == pytest.approx([-0.7, 0.1], abs=0.06)
-    middle = [moved[mhz, 40, port] for mhz in (900, 2400) for port in (1, 2)]
-    assert middle == pytest.approx([3.1, 2.8, 4.4, 4.4], abs=0.06)
-    assert moved[2400, 20, 1] == pytest.approx(5.1, abs=0.06)
-    law = load_sensor("line-900mhz").contact
-    for place, expected in ((20.0, [4.7, 1.0]), (40.0, [2.9, 2.9])):
-        low, high = law.shorting_points_mm([2.0, 7.65], place, 80.0, 0.9)
-        assert low - high == pytest.approx(expected, abs=0.06)
-
-
 def test_a_press_by_the_end_shorts_the_connector_and_no_further():
     assert LAW.shorting_points_mm(8.0, 3.0, 80.0, 0.9)[0] == 0.0
 
@@ -123,25 +98,15 @@ def wide_ground_ohm(ratio, permittivity=1 + 1e-9):
     return media.z0_characteristic[0].real
 
 
-@pytest.mark.parametrize("permittivity", [1.05, 2.2, 2.8, 9.8])
-@pytest.mark.parametrize("ratio", [0.5, 1.0, 3.97, 8.0])
+@pytest.mark.parametrize("permittivity", [1.05, 9.8])
+@pytest.mark.parametrize("ratio", [0.5, 3.97])
 def test_impedance_over_a_wide_ground_is_that_of_scikit_rf(ratio, permittivity):
     """Hammerstad and Jensen state 0.03 % in air; 40 heights of ground leave 0.15 %."""
     line = Microstrip(ratio, 1.0, 1000.0, permittivity=permittivity)
     assert line.impedance_ohm == pytest.approx(wide_ground_ohm(ratio, permittivity), rel=3e-3)
 
 
-def test_wide_grounds_have_published_values():
-    # D. M. Pozar, Microwave Engineering: example 3.7 (w/h 3.081 on 2.20: 50 ohm, 1.87, by equations
-    # good to 1 %), and 126.5 ohm at w = h in air; the paper's own formula for w/h = 5,
-    # docs/build-a-tag.md.
-    for ratio, permittivity, ohm in ((3.081, 2.2, 50), (1.0, 1.0, 126.5), (5.0, 1.0, 49.4)):
-        line = Microstrip(ratio, 1.0, 1000.0, permittivity=permittivity)
-        assert line.impedance_ohm == pytest.approx(ohm, rel=0.01)
-    assert effective_permittivity(3.081, 2.2) == pytest.approx(1.87, rel=0.01)
-
-
-@pytest.mark.parametrize("ratio", [0.3, 1.0, 4.0, 20.0])
+@pytest.mark.parametrize("ratio", [0.3, 4.0])
 def test_strips_reach_the_limits_of_wide_and_of_equal_grounds(ratio):
     wide = strips_impedance_ohm(ratio, 1000.0, 1.0)
     assert wide == pytest.approx(wide_ground_ohm(ratio), rel=3e-3)

@@ -63,7 +63,7 @@ def test_following_beats_single_readings_and_smoothing_beats_both(model):
     rng = np.random.default_rng(2)
     errors = {"single": [], "tracked": [], "smoothed": []}
     held = {"single": [], "tracked": [], "smoothed": []}
-    for _ in range(8):
+    for _ in range(4):
         force, place = a_press(rng)
         phases = model.phases_deg(force, place) + 1.0 * rng.standard_normal((len(force), 2))
         single = model.invert(phases, 1.0)

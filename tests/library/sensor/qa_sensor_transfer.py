@@ -70,7 +70,7 @@ def test_transferred_model_holds_truth_within_two_sigma(from_hz, to_hz, tmp_path
     """Without the added uncertainty, connectors make readings at the new carrier falsely exact."""
     rng = np.random.default_rng(915)
     inside, alone, ratio = [], [], []
-    for seed in range(4):
+    for seed in range(3):
         cables = rng.uniform(5, 20, (2, 2))
         sensor = Connected(LAWS[seed % 3], 0.07, tuple(map(tuple, cables)))
         bench = calibrated(sensor, from_hz, tmp_path, rng)
@@ -94,7 +94,7 @@ def test_transferred_model_holds_truth_within_two_sigma(from_hz, to_hz, tmp_path
     assert np.sqrt(np.mean(ratio)) > 1 / 3
 
 
-@pytest.mark.parametrize("to_hz", [868e6, 915e6, 980e6])
+@pytest.mark.parametrize("to_hz", [868e6, 980e6])
 def test_transferred_model_is_that_of_line_at_other_carrier(to_hz):
     """Contact positions carry over in millimetres; anything else would be a systematic error."""
     bench, air = load_sensor("line-900mhz-calibrated"), load_sensor("line-900mhz").at_carrier(to_hz)
