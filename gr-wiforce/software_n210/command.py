@@ -16,7 +16,6 @@ from gnuradio.wiforce.io.network.zmq_sockets import Replies, endpoint_of, is_loo
 from .cable import Cable, Counter
 from .device import Device
 from .faults import GRAMMAR, parse_fault
-from .frontend import DAUGHTERBOARDS
 from .wire import TICK_RATE
 
 # So that a flood of requests does not stop the streams.
@@ -152,13 +151,6 @@ _MOST_DELAY_US = 1000.0
     "--bind", default="127.0.0.1", show_default=True, help="Loopback address to listen at."
 )
 @click.option(
-    "--daughterboard",
-    type=click.Choice(list(DAUGHTERBOARDS)),
-    default="SBX",
-    show_default=True,
-    help="Daughterboard of the device.",
-)
-@click.option(
     "--air",
     type=click.Choice(["scene", "cable", "counter"]),
     default="scene",
@@ -191,7 +183,7 @@ _MOST_DELAY_US = 1000.0
 @click.option(
     "--control", metavar="ENDPOINT", help="Accept requests by ZMQ: PORT or tcp://127.0.0.1:PORT."
 )
-def emulate(scene, bind, daughterboard, air, delay_us, faults, speed, control):
+def emulate(scene, bind, air, delay_us, faults, speed, control):
     """Run a software USRP N210 with SCENE on the air.
 
     Unmodified UHD programs open it with --args addr=127.0.0.1.
@@ -201,7 +193,6 @@ def emulate(scene, bind, daughterboard, air, delay_us, faults, speed, control):
         device = Device(
             _air(air, scene, _delay_ticks(delay_us)),
             bind,
-            daughterboard,
             speed,
             faults=[parse_fault(text) for text in faults],
         )
@@ -214,10 +205,11 @@ def emulate(scene, bind, daughterboard, air, delay_us, faults, speed, control):
             opened.callback(_serve_requests(console, device, control).close)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: device.stop())
-        print(f"listening: N210 with {daughterboard}, --args addr={bind}", flush=True)
+        print(f"listening: N210 with an SBX, --args addr={bind}", flush=True)
         click.echo(f"commands: {_COMMANDS}", err=True)
         device.run()
-        click.echo(_summary(device.status()), err=True)
+        stopped_s = device.status()["device_time_s"]
+        click.echo(f"stopped at {stopped_s:.3f} s of device time", err=True)
 
 
 def _delay_ticks(delay_us):
@@ -242,12 +234,3 @@ def _air(kind, scene, delay_ticks):
     from .scene_air import SceneAir
 
     return SceneAir(load_scene(scene), delay_ticks)
-
-
-def _summary(status):
-    counts = {key: value for key, value in status.items() if type(value) is int and value}
-    text = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in counts.items())
-    stop = f"stopped at {status['device_time_s']:.3f} s of device time"
-    if status["held_s"] >= 0.1:  # as far as time_utc is off without this
-        stop += f", {status['held_s']:.1f} s behind: this machine, or the host, was too slow"
-    return stop + (text and f"; {text}")

@@ -128,7 +128,6 @@ class Device:
         self,
         air: Cable,
         address: str = "127.0.0.1",
-        board: str = "SBX",
         speed: float = 1.0,
         faults: Iterable[Fault] = (),
     ):
@@ -142,7 +141,7 @@ class Device:
             self.add_fault(fault)
         self._sockets = Sockets(address)
         self._hardware = Hardware(
-            air, address, board, self._sockets.receive_buffer(TX_PORT), lambda: self._link.discard()
+            air, address, self._sockets.receive_buffer(TX_PORT), lambda: self._link.discard()
         )
         self._wall = WallClock(speed)
         self._throttle = Throttle()

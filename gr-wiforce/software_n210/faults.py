@@ -9,14 +9,6 @@ from gnuradio.wiforce.errors import InputError
 from .wire import TICK_RATE
 
 
-def _overflow(hardware, samples, stop=None):
-    hardware.receive.overflow(samples, restart=stop is None)
-
-
-def _late(hardware, which):
-    (hardware.receive if which == "rx" else hardware.transmit).make_late()
-
-
 def _set_clock(hardware, sensor, ppm):
     hardware.air.sensor(sensor).clock.retune(hardware.air.time_s, ppm)
 
@@ -29,12 +21,10 @@ def _switch_on(hardware, sensor):
     hardware.air.sensor(sensor).on = True
 
 
-# Arguments of each kind, optional ones in brackets, and what it does to the hardware.
+# Arguments of each kind, and what it does to the hardware.
 _KINDS = {
-    "overflow": ("samples [stop]", _overflow),
+    "overflow": ("samples", lambda hardware, samples: hardware.receive.overflow(samples)),
     "lose": ("packets", lambda hardware, packets: hardware.receive.packets.lose(packets)),
-    "swap": ("", lambda hardware: hardware.receive.packets.swap()),
-    "late": ("rx|tx", _late),
     "cut": ("seconds", lambda hardware, seconds: hardware.cut(seconds)),
     "stall": ("seconds", lambda hardware, seconds: time.sleep(seconds)),
     "clock": ("sensor ppm", _set_clock),
@@ -68,14 +58,12 @@ def parse_fault(text: str, where: str = "--fault") -> Fault:
     that was received since the device was opened; given while nothing streams, they wait for the
     next stream. The kinds are::
 
-        overflow SAMPLES [stop]   report an overflow and lose SAMPLES; then continue, or go idle
-        lose PACKETS              number the next packets but do not send them
-        swap                      exchange the next two packets
-        late rx|tx                report the next receive command or transmit burst as late
-        cut SECONDS               let nothing pass in either direction for SECONDS of wall time
-        stall SECONDS             do nothing for SECONDS of wall time
-        clock SENSOR PPM          set the clock offset of a tag
-        off SENSOR, on SENSOR     stop or start the switches of a tag
+        overflow SAMPLES        report an overflow, lose SAMPLES and continue
+        lose PACKETS            number the next packets but do not send them
+        cut SECONDS             let nothing pass in either direction for SECONDS of wall time
+        stall SECONDS           do nothing for SECONDS of wall time
+        clock SENSOR PPM        set the clock offset of a tag
+        off SENSOR, on SENSOR   stop or start the switches of a tag
 
     ``where``: named in the error.
     """
@@ -96,11 +84,10 @@ def _convert(kind, texts, text, where):
     """Arguments as numbers and words, each checked."""
     wanted = _KINDS[kind][0].split()
     form = " ".join(("TIME", kind, *wanted))
-    required = sum(not name.startswith("[") for name in wanted)
-    if not required <= len(texts) <= len(wanted):
+    if len(texts) != len(wanted):
         raise InputError(where, f"must have the form {form}", text)
     converted = []
-    for name, argument in zip(wanted, texts, strict=False):
+    for name, argument in zip(wanted, texts, strict=True):
         if name in _NUMBERS:
             convert, low, high = _NUMBERS[name]
             try:
@@ -109,8 +96,6 @@ def _convert(kind, texts, text, where):
                 raise InputError(where, f"{name} must be a number in {form}", text) from None
             if not low <= argument <= high:
                 raise InputError(where, f"{name} must be {low:g} to {high:g} in {form}", text)
-        elif name != "sensor" and argument not in name.strip("[]").split("|"):
-            raise InputError(where, f"must have the form {form}", text)
         converted.append(argument)
     return tuple(converted)
 

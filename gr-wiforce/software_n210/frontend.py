@@ -1,21 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Daughterboards and converters: ranges, gains, tuning and sample rates."""
+"""The daughterboard, an SBX, and converters: gains, tuning and sample rates."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from .wire import TICK_RATE
 
-# Gain in the middle of a board's range, for both directions.
+# Gain in the middle of the board's range, for both directions.
 REFERENCE_GAIN_DB = 15.0
 _GPIO_RX_ONLY, _GPIO_TX_ONLY = 1, 2
 _SPI_CONTROL, _SPI_DATA = 1, 2
 _SPI_RX, _SPI_TX, _SPI_ADC = 16, 128, 256
-# Pins of the WBX's transmit attenuator and its attenuation in dB when a pin is low.
-_WBX_TRANSMIT_PINS = {14: 16, 5: 8, 4: 4, 3: 2, 1: 1}
 _ADC_FINE_GAIN, _ADC_GAIN_CORRECTION = 0x17, 0x1A
 
 
@@ -24,30 +20,8 @@ def _attenuator_half_db(pins):
     return (pins >> 8 & 0x3F) / 2
 
 
-def _wbx_transmit_db(pins):
-    """Gain of the WBX's 5-bit transmit attenuator."""
-    return float(sum(db for pin, db in _WBX_TRANSMIT_PINS.items() if pins >> pin & 1))
-
-
-@dataclass(frozen=True)
-class Daughterboard:
-    """A pair of units as the driver knows them: oscillator, gain in dB of 16 pins."""
-
-    rx_id: int
-    tx_id: int
-    lo_divider: int = 1
-    tx_gain_db: Callable[[int], float] = _attenuator_half_db
-
-
-DAUGHTERBOARDS = {
-    "SBX": Daughterboard(0x0054, 0x0055),
-    "CBX": Daughterboard(0x0067, 0x0066),
-    "WBX": Daughterboard(0x0057, 0x0056, lo_divider=2, tx_gain_db=_wbx_transmit_db),
-}
-
-
 class Synthesizer:
-    """An ADF4350 or MAX2870: frequency from its register writes."""
+    """An ADF4350: frequency from its register writes."""
 
     def __init__(self):
         self._registers = [0] * 8
@@ -73,8 +47,8 @@ class Synthesizer:
 class FrontEnd:
     """Oscillators and gains of the device, set through its SPI and GPIO blocks and its DSPs."""
 
-    def __init__(self, board, tx_dsp):
-        self._board, self._tx_dsp = board, tx_dsp
+    def __init__(self, tx_dsp):
+        self._tx_dsp = tx_dsp
         self._synthesizers = {_SPI_RX: Synthesizer(), _SPI_TX: Synthesizer()}
         self._adc = {}  # registers of the ADS62P44 converter
         self._spi_control = 0
@@ -97,14 +71,14 @@ class FrontEnd:
 
     @property
     def tx_carrier_hz(self):
-        return self._lo_hz(_SPI_TX) + self._tx_dsp.frequency_hz
+        return self._synthesizers[_SPI_TX].frequency_hz + self._tx_dsp.frequency_hz
 
     def rx_carrier_hz(self, rx_dsp):
-        return self._lo_hz(_SPI_RX) - rx_dsp.frequency_hz
+        return self._synthesizers[_SPI_RX].frequency_hz - rx_dsp.frequency_hz
 
     @property
     def tx_gain_db(self):
-        return self._board.tx_gain_db(self._pins[_GPIO_TX_ONLY] >> 16)
+        return _attenuator_half_db(self._pins[_GPIO_TX_ONLY] >> 16)
 
     @property
     def rx_gain_db(self):
@@ -125,9 +99,6 @@ class FrontEnd:
         turns_per_tick = offset_hz / TICK_RATE
         turns = turns_per_tick * tick % 1 + turns_per_tick * spacing * np.arange(len(samples))
         return (samples * np.exp(2j * np.pi * turns)).astype(np.complex64)
-
-    def _lo_hz(self, chip):
-        return self._synthesizers[chip].frequency_hz / self._board.lo_divider
 
 
 FULL_SCALE = 32767

@@ -7,7 +7,7 @@ import time
 from collections import deque
 from dataclasses import dataclass
 
-from .frontend import DAUGHTERBOARDS, FrontEnd
+from .frontend import FrontEnd
 from .receive import ReceiveChain
 from .transmit import TransmitChain
 from .wire import (
@@ -125,7 +125,7 @@ MOTHERBOARD = 0x50
 DAUGHTERBOARD_TX = 0x54
 DAUGHTERBOARD_RX = 0x55
 
-_N210_R4 = 0x0A11
+_N210_R4, _SBX_RX, _SBX_TX = 0x0A11, 0x0054, 0x0055
 _SIZE = 256
 
 
@@ -334,18 +334,18 @@ class Hardware:
     ``origin`` is the tick of the first sample received in this session.
     """
 
-    def __init__(self, air, address, board, tx_socket_bytes=None, on_close=lambda: None):
+    def __init__(self, air, address, tx_socket_bytes=None, on_close=lambda: None):
         self.air = air
         self.clock = air.clock = DeviceClock()
         self.transmit = TransmitChain(self.clock, air, tx_socket_bytes)
         self.receive = ReceiveChain(self.clock, air)
-        self.front_end = air.front_end = FrontEnd(DAUGHTERBOARDS[board], self.transmit.dsp)
+        self.front_end = air.front_end = FrontEnd(self.transmit.dsp)
         self.origin = None
         self._cut_until_s = -float("inf")
         self._on_close = on_close
         registers = self._registers()
         self.fifo = Fifo(registers, self.clock)
-        self.control = Control(registers, _i2c_bus(address, board), self._end_session)
+        self.control = Control(registers, _i2c_bus(address), self._end_session)
 
     def cut(self, seconds):
         """Let nothing pass between host and device for some wall time."""
@@ -437,13 +437,12 @@ class Hardware:
         self._on_close()
 
 
-def _i2c_bus(address, board):
-    boards = DAUGHTERBOARDS[board]
+def _i2c_bus(address):
     serial = "".join(f"{int(part):02x}" for part in address.split("."))
     return I2cBus(
         {
             MOTHERBOARD: motherboard_image(address, serial),
-            DAUGHTERBOARD_RX: daughterboard_image(boards.rx_id),
-            DAUGHTERBOARD_TX: daughterboard_image(boards.tx_id),
+            DAUGHTERBOARD_RX: daughterboard_image(_SBX_RX),
+            DAUGHTERBOARD_TX: daughterboard_image(_SBX_TX),
         }
     )

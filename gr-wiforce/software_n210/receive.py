@@ -8,7 +8,6 @@ import numpy as np
 
 from .frontend import FULL_SCALE, DspRegisters
 from .wire import (
-    RX_BROKEN_CHAIN,
     RX_HEADER_WORDS,
     RX_LATE,
     RX_OVERFLOW,
@@ -31,7 +30,6 @@ class PacketStream:
         self._stream_id = 3
         self._packet_count = 0
         self._lose = 0
-        self._swap = False
         self._ready = []
         self.discard()
 
@@ -53,10 +51,6 @@ class PacketStream:
     def lose(self, packets):
         """Number the next packets but do not send them, like a network that drops them."""
         self._lose += packets
-
-    def swap(self):
-        """Exchange the next two packets."""
-        self._swap = True
 
     def append(self, samples, tick, spacing, end_of_burst=False):
         """Send all full packets of samples (N, 2), at the end of a burst what remains as well."""
@@ -110,14 +104,11 @@ class PacketStream:
         self._lose -= lost
         self.dropped_packets += lost
         block = block[lost:]
-        if self._swap and len(block) > 1:
-            block[[0, 1]] = block[[1, 0]]
-            self._swap = False
         if len(block):
             self._ready.append((block.tobytes(), block.shape[1] * 4))
 
 
-_NOW, _CHAIN, _RELOAD, _STOP = 1 << 31, 1 << 30, 1 << 29, 1 << 28
+_NOW, _RELOAD, _STOP = 1 << 31, 1 << 29, 1 << 28
 _COUNT = _STOP - 1
 _MAX_QUEUE = 64
 
@@ -129,14 +120,13 @@ class StreamCommand:
     count: int
     time: int = 0
     now: bool = False
-    chain: bool = False
     reload: bool = False
     stop: bool = False
 
     @classmethod
     def latched(cls, word, time):
         """The command in a register, whose time is in another one."""
-        bits = (_NOW, _CHAIN, _RELOAD, _STOP)
+        bits = (_NOW, _RELOAD, _STOP)
         return cls(word & _COUNT, time, *(bool(word & bit) for bit in bits))
 
 
@@ -155,7 +145,6 @@ class ReceiveChain:
         self._air = air
         self._command_word = 0
         self._command_time = 0
-        self._make_late = False
         self.stop()
 
     def stop(self):
@@ -212,21 +201,14 @@ class ReceiveChain:
             pass
         return self.packets.take()
 
-    def overflow(self, samples, restart=True):
-        """Report an overflow; continue after `samples`, or go idle as the FPGA itself does."""
+    def overflow(self, samples):
+        """Report an overflow, and continue after `samples`."""
         if not self.active:
             return
         self.packets.flush()
         self.packets.error(RX_OVERFLOW, self._next_tick)
-        if restart:
-            self._next_tick += samples * self.dsp.ticks_per_sample
-            self.dropped_samples += samples
-        else:
-            self.stop()
-
-    def make_late(self):
-        """Report the next command as late."""
-        self._make_late = True
+        self._next_tick += samples * self.dsp.ticks_per_sample
+        self.dropped_samples += samples
 
     def _begin(self, start, end):
         """Whether a command runs, after starting the next one if it is due before `end`."""
@@ -235,14 +217,13 @@ class ReceiveChain:
                 return False
             command = self._queue[0]
             begin = start if command.now else self._clock.to_ticks(command.time)
-            late = self._make_late or begin < start
+            late = begin < start
             if begin >= end and not late:
                 return False
             self._queue.popleft()
             if command.stop:
                 continue
             if late:
-                self._make_late = False
                 self.packets.error(RX_LATE, start)
                 continue
             self._take(command, begin)
@@ -267,9 +248,9 @@ class ReceiveChain:
             return False
         taken = min(count, self._remaining)
         self._remaining -= taken
-        self._collect(taken, end_of_burst=self._remaining == 0 and not self._command.chain)
+        self._collect(taken, end_of_burst=self._remaining == 0)
         if self._remaining == 0:
-            self._finish()
+            self._command = None
         return True
 
     def _follow_on(self):
@@ -280,22 +261,6 @@ class ReceiveChain:
                 # A packet must carry the end of the burst: one more sample if none is pending.
                 command = StreamCommand(0 if self.packets.pending else 1)
             self._take(command, self._next_tick)
-
-    def _finish(self):
-        """The running command has all its samples: start the next one or stop."""
-        command, tick = self._command, self._next_tick
-        self._command = None
-        if not command.chain:
-            return
-        if self._queue:
-            following = self._queue.popleft()
-            if following.stop:
-                self.packets.flush(end_of_burst=True)
-            else:
-                self._take(following, tick)
-        else:
-            self.packets.flush()
-            self.packets.error(RX_BROKEN_CHAIN, tick)
 
     def _collect(self, count, end_of_burst=False):
         """Receive `count` samples and hand them to the packets."""

@@ -141,7 +141,6 @@ class TransmitChain:
         self._air = air
         self.flow = FlowControl(clock, socket_bytes)
         self._policy = 2
-        self._make_late = False
         self._clear()
 
     def _clear(self):
@@ -183,10 +182,6 @@ class TransmitChain:
             self.flow.report(TX_SEQUENCE_ERROR, self._clock.ticks)
         self._expected = packet.sequence + 1 & 0xFFFFFFFF
         self._queue.append(packet)
-
-    def make_late(self):
-        """Treat the next packet that starts a burst as late."""
-        self._make_late = True
 
     def discard_late(self, now):
         """Drop late packets as they arrive, also while device time is held: so does a device."""
@@ -230,11 +225,10 @@ class TransmitChain:
             self.flow.consumed(self._queue.popleft())
             return True
         tick = self._start_of(packet, start)
-        late = self._make_late or tick < start
+        late = tick < start
         if tick >= end and not late:
             return False
         if late:
-            self._make_late = False
             self.late_packets += 1
             self._skip_burst = self._policy & _POLICY_NEXT_BURST and not packet.end
             self.flow.consumed(self._queue.popleft())

@@ -26,7 +26,6 @@ READBACK_BASE = 0x5C00
 
 # Codes of a context packet on a receive stream.
 RX_LATE = 0x2
-RX_BROKEN_CHAIN = 0x4
 RX_OVERFLOW = 0x8
 
 # Events of a report on a transmit stream.

@@ -82,9 +82,9 @@ def test_device_address_in_use_refused(software_usrp):
     [
         ([], "SCENE"),
         (["nowhere.yaml"], "nowhere.yaml"),
-        (["--air", "cable", "--fault", "soon swap"], "--fault"),
+        (["--air", "cable", "--fault", "soon stall 1"], "--fault"),
         (["--air", "cable", "--fault", "1 overflow many"], "overflow"),
-        (["--air", "cable", "--fault", "1 overflow 3 perhaps"], "stop"),
+        (["--air", "cable", "--fault", "1 overflow 3 perhaps"], "TIME overflow samples"),
         (["--air", "cable", "--fault", "1 lose -3"], "packets"),
         (["--air", "cable", "--fault", "1 lose"], "packets"),
         (["--air", "cable", "--fault", "1 cut 0"], "seconds"),
@@ -197,8 +197,8 @@ def test_device_in_the_background_of_a_terminal_is_not_stopped_by_keys():
 
 
 def test_device_fault_in_the_past_happens_at_once(software_usrp):
-    device = software_usrp("--air", "cable", faults=["0 swap"])
-    assert device.command("fault 0 late rx") == {"ok": True}
+    device = software_usrp("--air", "cable", faults=["0 lose 1"])
+    assert device.command("fault 0 overflow 1") == {"ok": True}
     wait_until(lambda: device.command("status")["faults"] == 2)
     before = device.command("status")["device_time_s"]
     wait_until(lambda: device.command("status")["device_time_s"] > before)
