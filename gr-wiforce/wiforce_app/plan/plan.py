@@ -12,7 +12,7 @@ from gnuradio.wiforce.planning.advice import improve as proposals_for
 from gnuradio.wiforce.planning.advice import licence_note
 from gnuradio.wiforce.planning.advice import warnings as warnings_of
 from gnuradio.wiforce.planning.clocks import clocks_for
-from gnuradio.wiforce.planning.expected import error_map, expect, expect_surface
+from gnuradio.wiforce.planning.expected import error_map, expect
 from gnuradio.wiforce.planning.findings import findings_text
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.steps import steps as steps_of
@@ -71,8 +71,6 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
         "warnings": warnings_of(settings),
         "notes": [note for note in _notes(settings) if note],
     }
-    if settings.skin is not None:
-        report["surface"] = expect_surface(settings)
     if capture_path is not None:
         report["room"] = _room(capture_path, datatype, settings)
     if improve:
@@ -83,7 +81,7 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
         report.get("room", {}).pop("text", None)
         click.echo(json.dumps(report, indent=2))
     else:
-        _print(report, scene, str(settings), with_steps)
+        _print(report, str(settings), with_steps)
 
 
 def _notes(settings):
@@ -146,11 +144,9 @@ def _settings(settings):
     }
 
 
-def _print(report, scene, summary, with_steps):
+def _print(report, summary, with_steps):
     chosen, *expected = summary.splitlines()
     click.echo("\n".join(expected))
-    if "surface" in report:
-        _print_surface(report["surface"], scene.surface.name)
     for warning in report["warnings"]:
         click.echo(f"warning: {warning}")
     for note in report["notes"]:
@@ -168,24 +164,6 @@ def _print(report, scene, summary, with_steps):
         _print_steps(report["steps"])
     if "room" in report:
         _print_room(report["room"], report["steps"])
-
-
-_ON_SURFACE = (
-    ("force", "force_error_n", "N"),
-    ("x", "x_error_mm", "mm"),
-    ("y", "y_error_mm", "mm"),
-)
-
-
-def _print_surface(points, name):
-    click.echo(
-        f"{name}: median errors of a press of {points[0]['force_n']:g} N at x = "
-        f"{points[0]['x_mm']:g} mm"
-    )
-    for point in points:
-        cells = [f"{label} {point[key]:.3g} {unit}" for label, key, unit in _ON_SURFACE]
-        where = f"on {point['strip']}" if point["strip"] else "between"
-        click.echo(f"  y = {point['y_mm']:g} mm, {where}: {', '.join(cells)}")
 
 
 def _print_room(room, steps):

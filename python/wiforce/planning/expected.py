@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -383,43 +383,6 @@ def _presses(scene: Scene, index: int) -> np.ndarray | None:
         contact = np.stack([states.force_n, states.location_mm], axis=1)
         rows.append(np.hstack([contact, change + motion, motion, motion]))
     return np.concatenate(rows) if rows else None
-
-
-def expect_surface(plan: Plan) -> list[dict[str, Any]]:
-    """Median errors on strips and halfway between, at mid-x and half the calibrated force.
-
-    A row per point, whose ``strip`` is empty between strips.
-    """
-    from ..surface.estimator import SurfaceEstimator  # of scenes with a surface only
-
-    skin = plan.skin
-    if skin is None:
-        return []
-    noise = phase_std_deg(plan)[list(skin.indices)]
-    own = skin.y_mm
-    y = np.sort(np.concatenate([own, (own[1:] + own[:-1]) / 2]))
-    force = float(max(1.0, round(skin.top_force_n / 2)))
-    x = float(np.mean(skin.x_span_mm))
-    loads = force * skin.shares(y)
-    touched = loads >= skin.onset_force_n
-    phases = np.stack(
-        [
-            strip.model.phases_deg(loads[:, i], strip.location_of(x), skin.frequency_hz)
-            for i, strip in enumerate(skin.strips)
-        ],
-        axis=1,
-    )
-    std = np.broadcast_to(noise, phases.shape)
-    found = SurfaceEstimator(skin).read(phases, std, np.ones(touched.shape, bool), touched)
-    with np.errstate(invalid="ignore"):
-        errors = MEDIAN * np.sqrt(np.einsum("gaa->ga", found.covariance[:, 0]))
-    names = {strip.y_mm: strip.sensor for strip in skin.strips}
-    keys = ("force_error_n", "x_error_mm", "y_error_mm")
-    return [
-        {"x_mm": x, "y_mm": at, "force_n": force, "strip": names.get(at, "")}
-        | dict(zip(keys, error, strict=True))
-        for at, error in zip(y.tolist(), errors.tolist(), strict=True)
-    ]
 
 
 def _span(model: SensorModel) -> np.ndarray:
