@@ -55,8 +55,8 @@ public:
 
     /*!
      * The snapshots of the group themselves, M = N_g rows, absent ones as zeros. None is
-     * rejected and nothing is published: the output's tag `noise` holds two floats for
-     * each snapshot, and the tag `mask` of an incomplete group shows which are present.
+     * rejected and nothing is published: the output's tag `mask` of an incomplete group
+     * shows which are present, and `disturbed` those that interference hit.
      */
     static sptr collected(int group_length, int symbol_length = 64);
 
