@@ -25,7 +25,6 @@ def _switch_on(hardware, sensor):
 _KINDS = {
     "overflow": ("samples", lambda hardware, samples: hardware.receive.overflow(samples)),
     "lose": ("packets", lambda hardware, packets: hardware.receive.packets.lose(packets)),
-    "cut": ("seconds", lambda hardware, seconds: hardware.cut(seconds)),
     "stall": ("seconds", lambda hardware, seconds: time.sleep(seconds)),
     "clock": ("sensor ppm", _set_clock),
     "off": ("sensor", _switch_off),
@@ -60,7 +59,6 @@ def parse_fault(text: str, where: str = "--fault") -> Fault:
 
         overflow SAMPLES        report an overflow, lose SAMPLES and continue
         lose PACKETS            number the next packets but do not send them
-        cut SECONDS             let nothing pass in either direction for SECONDS of wall time
         stall SECONDS           do nothing for SECONDS of wall time
         clock SENSOR PPM        set the clock offset of a tag
         off SENSOR, on SENSOR   stop or start the switches of a tag

@@ -3,7 +3,6 @@
 
 import ipaddress
 import struct
-import time
 from collections import deque
 from dataclasses import dataclass
 
@@ -341,20 +340,10 @@ class Hardware:
         self.receive = ReceiveChain(self.clock, air)
         self.front_end = air.front_end = FrontEnd(self.transmit.dsp)
         self.origin = None
-        self._cut_until_s = -float("inf")
         self._on_close = on_close
         registers = self._registers()
         self.fifo = Fifo(registers, self.clock)
         self.control = Control(registers, _i2c_bus(address), self._end_session)
-
-    def cut(self, seconds):
-        """Let nothing pass between host and device for some wall time."""
-        self._cut_until_s = time.monotonic() + seconds
-
-    @property
-    def is_cut(self):
-        """Whether nothing passes now."""
-        return time.monotonic() < self._cut_until_s
 
     @property
     def streaming(self):

@@ -131,10 +131,6 @@ class HostLink:
 
     def serve(self, ready):
         """Take what has arrived at the ports in `ready`, a set."""
-        if self._hardware.is_cut:
-            for port in ready - {None}:
-                self._sockets.drain(port)
-            return
         # Samples are read first and handed on last: a register write that the host sent before
         # them, through another socket, must act before them.
         samples = self._sockets.drain(TX_PORT) if TX_PORT in ready else []
@@ -154,14 +150,10 @@ class HostLink:
     def run_commands(self):
         """Execute the register commands that are due, and acknowledge them."""
         for reply, peer in self._hardware.fifo.run():
-            if not self._hardware.is_cut:
-                self._sockets.send(FIFO_PORT, reply, peer)
+            self._sockets.send(FIFO_PORT, reply, peer)
 
     def queue(self, packets):
         """Queue received packets for the host; nothing is kept while no host listens."""
-        if packets and self._hardware.is_cut:
-            self.discard()
-            return
         if self._rx_peer is not None:
             self._outbox.extend((memoryview(data), size) for data, size in packets)
 
@@ -187,7 +179,7 @@ class HostLink:
     def send_reports(self):
         """Send the transmit stream's reports that are due."""
         reports = self._hardware.transmit.flow.take()
-        if self._tx_peer is not None and not self._hardware.is_cut:
+        if self._tx_peer is not None:
             for report in reports:
                 self._sockets.send(TX_PORT, report, self._tx_peer)
 

@@ -11,7 +11,7 @@ from gnuradio.wiforce.scene import load_scene
 from wiforce_app.bench import tradeoff
 from wiforce_app.bench.tradeoff import beat_the_plan, settings_of
 
-# A fifth of the usual sample rate; the long form has the usual one.
+# A fifth of the usual sample rate.
 SHORT = """\
 radio: {sample_rate_hz: 2.5e+6}
 sounding: {frame_length: 320}
@@ -26,19 +26,6 @@ simulation:
   static_clutter_db: 50
   presses:
     - {sensor: arm, start_s: 0.35, rise_s: 0.02, hold_s: 0.48, force_n: 4.0, location_mm: 45.0}
-"""
-LONG = """\
-phase_group: {snapshots: 125}
-sensors: [{name: arm, model: line-900mhz-calibrated}]
-reference_s: 0.2
-simulation:
-  truth_model: line-900mhz
-  duration_s: 0.75
-  seed: 3
-  snr_db: 20
-  static_clutter_db: 50
-  presses:
-    - {sensor: arm, start_s: 0.25, rise_s: 0.02, hold_s: 0.4, force_n: 4.0, location_mm: 45.0}
 """
 
 
@@ -73,20 +60,18 @@ def test_every_kind_of_setting_is_measured():
 
 
 @pytest.fixture
-def few_settings(monkeypatch, long_run):
-    """One setting of each kind in the short form."""
-    if not long_run:
-        monkeypatch.setattr(tradeoff, "_GROUP_LENGTHS", (250,))
-        monkeypatch.setattr(tradeoff, "HARMONICS", (12,))
-        monkeypatch.setattr(tradeoff, "_CLUTTER_HZ", (250.0,))
+def few_settings(monkeypatch):
+    """One setting of each kind."""
+    monkeypatch.setattr(tradeoff, "_GROUP_LENGTHS", (250,))
+    monkeypatch.setattr(tradeoff, "HARMONICS", (12,))
+    monkeypatch.setattr(tradeoff, "_CLUTTER_HZ", (250.0,))
     before = gr.logging().default_level()
     yield
     gr.logging().set_default_level(before)
 
 
-@pytest.mark.timeout(400)
-def test_all_settings_read_the_same_signal(few_settings, tmp_path, long_run):
-    (tmp_path / "short.yaml").write_text(LONG if long_run else SHORT)
+def test_all_settings_read_the_same_signal(few_settings, tmp_path):
+    (tmp_path / "short.yaml").write_text(SHORT)
     words = "bench tradeoff short.yaml --json".split()
     done = run_command(*words, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")

@@ -8,11 +8,6 @@ import numpy as np
 import pytest
 import yaml
 from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.session import (
-    DEFAULT_FORCES_N,
-    DEFAULT_LOCATIONS_MM,
-    RULER_STD_MM,
-)
 from gnuradio.wiforce.calibration.tables import measure_vna
 from gnuradio.wiforce.sensor import load_sensor
 from guided_operator import GuidedOperator
@@ -145,14 +140,6 @@ def test_options_of_a_guided_calibration_need_live(tmp_path, capsys):
     """They would be ignored without a word."""
     assert main(["calibrate", "t.csv", "--sweeps", "2", "-o", str(tmp_path / "arm.yaml")]) == 2
     assert "--sweeps needs --live" in capsys.readouterr().err
-
-
-def test_help_states_the_defaults_of_the_plan(capsys):
-    main(["calibrate", "--help-all"])
-    shown = "".join(capsys.readouterr().out.split())
-    for numbers in (DEFAULT_LOCATIONS_MM, DEFAULT_FORCES_N):
-        assert f"Default:{','.join(f'{number:g}' for number in numbers)}." in shown
-    assert f"with--live{RULER_STD_MM:g}." in shown
 
 
 def test_reference_that_was_touched_is_measured_again(bench, tmp_path):

@@ -14,7 +14,7 @@ from gnuradio.wiforce.io.readings import GroupCounts
 from wiforce_app.live.health import ServiceManager
 from wiforce_app.live.radio_keeper import OPENING, RECONNECTING, RUNNING
 from wiforce_app.live.requests import WarningPace
-from wiforce_app.shell.log import Log, is_journal
+from wiforce_app.shell.log import Log
 
 ROOT = Path(__file__).resolve().parents[3]
 UNIT = ROOT / "gr-wiforce/systemd/gr-wiforce-live@.service.in"
@@ -84,19 +84,6 @@ def test_service_waiting_for_an_absent_device_is_ready(systemd):
         service.close()
 
 
-def test_service_tells_its_state_again_if_systemd_has_not_taken_it(systemd):
-    """It stated the former one for ten seconds more."""
-    environment = systemd.environment | {"NOTIFY_SOCKET": "/nowhere/notify"}
-    keeper = SimpleNamespace(state=RUNNING, waits=False)
-    service = ServiceManager(session_in_words(), keeper, environment, lambda: 0.0)
-    service.look()
-    service._address = systemd.environment["NOTIFY_SOCKET"]
-    service.look()
-    service.look()
-    assert systemd.messages() == ["READY=1", "STATUS=reading; 3 s, 0 groups: 0 usable"]
-    service.close()
-
-
 def test_log_lines_for_people_and_for_the_journal(capsys):
     log = Log()
     log.set_up("debug", "plain")
@@ -112,22 +99,6 @@ def test_log_lines_for_people_and_for_the_journal(capsys):
     for write in (log.error, log.warning, log.info, log.debug):
         write("text")
     assert capsys.readouterr().err.splitlines() == ["<3>text", "<4>text"]
-
-
-def test_log_journal_detected_from_standard_error(tmp_path):
-    program = "from wiforce_app.shell.log import is_journal; print(is_journal())"
-    with open(tmp_path / "journal", "w") as stream:
-        status = os.fstat(stream.fileno())
-        for stated in (f"{status.st_dev}:{status.st_ino}", "1:2", ""):
-            done = subprocess.run(
-                [sys.executable, "-c", program],
-                env=os.environ | {"JOURNAL_STREAM": stated},
-                stdout=subprocess.PIPE,
-                stderr=stream,
-                text=True,
-            )
-            assert done.stdout.strip() == str(stated.startswith(str(status.st_dev)))
-    assert is_journal() is False
 
 
 def test_command_failure_under_the_journal_has_its_level(tmp_path):

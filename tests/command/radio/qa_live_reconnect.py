@@ -12,23 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import zmq
-from gnuradio.wiforce.io.capture import open_capture
 from live_runs import (
     GAINS,
-    SLOW,
     SLOW_GROUP_S,
-    ask,
-    connected,
-    free_ports,
     live,
     rows_of,
     streaming_s,
     wait_until,
 )
-
-LOSSES = 50
-RATE = SLOW["radio"]["sample_rate_hz"]
 
 
 def children(process):
@@ -37,14 +28,6 @@ def children(process):
         int(text)
         for text in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     ]
-
-
-def held(process):
-    """Descriptors, threads and children of a process, and its memory in bytes."""
-    folder = Path(f"/proc/{process.pid}")
-    pages = int((folder / "statm").read_text().split()[1])
-    counts = len(list((folder / "fd").iterdir())), len(list((folder / "task").iterdir()))
-    return (*counts, len(children(process))), pages * os.sysconf("SC_PAGESIZE")
 
 
 def check_times(rows, losses):
@@ -56,70 +39,6 @@ def check_times(rows, losses):
     first = int(np.argmax(absent))
     assert not [row for row in rows[first:] if not {"gap", "moved"} & set(row["flags"].split())]
     assert not [row for row in rows[: first - 1] if "moved" in row["flags"]]
-
-
-def check_utc(rows):
-    """UTC follows the time of the run over every break, whose length the host has measured."""
-    utc_s = np.array([datetime.fromisoformat(row["time_utc"]).timestamp() for row in rows])
-    shift_s = utc_s - np.array([float(row["time_s"]) for row in rows])
-    # On a busy machine the software N210 falls behind, and its first samples come late. The error
-    # of one break adds to those before.
-    assert np.abs(np.diff(shift_s)).max() < 1.0
-
-
-def received_s(client):
-    return ask(client, "status")["time_s"]
-
-
-@pytest.mark.long
-@pytest.mark.timeout(3000)
-def test_live_network_cut_in_a_packet_continues_the_run_and_its_outputs(
-    software_usrp, slow_scene, tmp_path
-):
-    device = software_usrp(slow_scene)
-    output, name, (port,) = tmp_path / "out.csv", tmp_path / "run", free_ports(1)
-    options = [*GAINS, "--reconnect", "-o", output, "--record", name, "--control", port]
-    losses = LOSSES
-    holds = []
-    with live(device.args, slow_scene, *options, limit=2000) as process:
-        with connected(zmq.REQ, port) as client:
-            for loss in range(losses):
-                wait_until(lambda: streaming_s(device) > 0.8)
-                # Well above the 5 s of a loss: on a busy machine, samples come late.
-                assert not device.command("fault 0 cut 8").get("error")
-                wait_until(lambda: streaming_s(device) == 0.0)  # the session has ended
-                wait_until(lambda gaps=loss + 1: ask(client, "status")["gaps"] == gaps)
-                holds.append(held(process))
-            # The clock of the tag is found, and then a tare makes the reference valid.
-            wait_until(
-                lambda: "opened" in ask(client, "status")["sensors"]["arm"]["reference_problem"]
-            )
-            wait_until(lambda: ask(client, "tare")["ok"])
-            # The first group that is compared with the new reference shows it.
-            wait_until(lambda: not ask(client, "status")["sensors"]["arm"]["reference_problem"])
-            tared_s = received_s(client)
-            wait_until(lambda: received_s(client) > tared_s + 1.2)
-        process.send_signal(signal.SIGTERM)
-        _, said = process.communicate(timeout=300)
-    assert process.returncode == 0
-    assert said.count("; waiting for the device") >= losses
-    assert said.count("is back after") == losses and "terminate" not in said
-    rows = rows_of(output)
-    tared = next(n for n, row in enumerate(rows) if "reference" in row["flags"] and n > 20)
-    check_times(rows[:tared], losses)
-    assert rows[-1]["flags"] == "" and rows[-1]["touch"] == "0"
-    dropped = sum(row["flags"] == "gap" for row in rows)
-    assert f"{len(rows)} groups" in said and f"{dropped} lost" in said
-    assert dropped * SLOW_GROUP_S > 5.9 * losses
-    # The recording is one capture, with the breaks as gaps.
-    capture = open_capture(name)
-    assert len(capture.segments) == losses + 1
-    lost = capture.span - capture.samples
-    assert lost / RATE == pytest.approx(dropped * SLOW_GROUP_S, abs=2 * losses * SLOW_GROUP_S)
-    # What is held does not depend on how often the device was lost.
-    assert len({counts for counts, _ in holds}) == 1
-    assert holds[-1][1] - holds[9][1] < 20e6
-    check_utc(rows)  # the last, since it needs a machine that is not busy
 
 
 def test_live_waits_for_its_device_and_finds_one_started_again_whose_clock_does_not_matter(
