@@ -26,7 +26,6 @@ _SLOPES = np.linspace(0.6, 1.8, 241)
 # The asymmetry of the short shifts the length by up to 7 mm where only one half was pressed, and
 # the slope by up to 25 %, more for wide contacts: the permittivity by its square.
 _LENGTH_MM = 10.0
-_PERMITTIVITY_RATIO = 1.6
 _SLOPE_LIMITS = (0.7, 1.5)
 # Mean extents of a short: 1 to 11 mm by the contact law, up to a fingertip at 8 N; -6 mm where only
 # changes with force are known, as in the published sweeps.
@@ -38,10 +37,7 @@ _LIGHT = 0.4
 _TURN_RAD = 2 * np.pi + 0.01
 # No tactile sensor is pressed with as much; 8 N are 816 g.
 _LARGEST_FORCE_N = 100.0
-# A change is none if its standard deviation times this exceeds it.
-_SIGNIFICANT = 3.0
-# Presses within a tenth of the line are not a calibration, but one in other units. Phases that
-# move by a tenth of what the line does from location to location are of no line.
+# Presses within a tenth of the line are not a calibration, but one in other units.
 _SMALLEST_SHARE = 0.1
 # A direction is reversed if it leaves so much less scatter.
 _REVERSED = 0.25
@@ -52,8 +48,8 @@ _DIRECTION_SLOPES = np.linspace(0.9, 1.4, 101)
 class _Presses:
     """The touched rows of one carrier, summed up for both ports at J locations.
 
-    ``direction`` (2, J) is of the mean phasor of the lightest presses, ``change_deg`` and
-    ``std_deg`` (2, J) of a straight line over the forces; 0 where a port is not ``known`` (2, J).
+    ``direction`` (2, J) is of the mean phasor of the lightest presses; 0 where a port is not
+    ``known`` (2, J).
     """
 
     frequency_hz: float
@@ -61,8 +57,6 @@ class _Presses:
     location_mm: np.ndarray
     known: np.ndarray
     direction: np.ndarray
-    change_deg: np.ndarray
-    std_deg: np.ndarray
 
     def on_lines(self, slopes: np.ndarray) -> np.ndarray:
         """Mean length of both ports' mean phasors about slopes (n,) over location; shape (n,).
@@ -84,7 +78,6 @@ def _by_carrier(table: CalibrationTable) -> Iterator[_Presses]:
         places = np.unique(rows.location_mm)
         shape = (2, len(places))
         known, direction = np.zeros(shape, bool), np.zeros(shape, complex)
-        change, std = np.zeros(shape), np.zeros(shape)
         for at in np.ndindex(shape):
             here = rows.take((rows.port == at[0] + 1) & (rows.location_mm == places[at[1]]))
             known[at] = here.row.size
@@ -92,19 +85,7 @@ def _by_carrier(table: CalibrationTable) -> Iterator[_Presses]:
                 light = here.force_n <= np.quantile(here.force_n, _LIGHT)
                 mean = np.mean(np.exp(1j * np.radians(here.phase_deg[light])))
                 direction[at] = mean / max(abs(mean), 1e-12)
-                change[at], std[at] = _line_over_force(here)
-        yield _Presses(frequency, untouched, places, known, direction, change, std)
-
-
-def _line_over_force(here: CalibrationTable) -> tuple[float, float]:
-    """Change in deg, by a straight line over forces, and its deviation with what lies beside."""
-    order = np.argsort(here.force_n, kind="stable")
-    force, phase = here.force_n[order], np.unwrap(here.phase_deg[order], period=360.0)
-    span = float(np.ptp(force))
-    if len(order) < 3 or not span:
-        return float(phase[-1] - phase[0]) if span else 0.0, np.inf
-    (slope, _), covariance = np.polyfit(force, phase, 1, cov=True)
-    return float(slope) * span, float(np.sqrt(covariance[0, 0])) * span
+        yield _Presses(frequency, untouched, places, known, direction)
 
 
 def _estimate(
@@ -138,7 +119,7 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
     carriers = list(_by_carrier(table))
     for own in carriers:
         slope = line.round_trip_deg_per_mm(own.frequency_hz, permittivity)
-        found += _reversed(own, slope) or _unconnected(own, slope) or _unpressed(own, slope)
+        found += _reversed(own, slope)
     if found:
         return list(dict.fromkeys(found))
     return [text for own in carriers for text in _other_line(own, length_mm, permittivity)]
@@ -208,48 +189,6 @@ def _reversed(own: _Presses, slope: float) -> list[str]:
     return [
         f"{causes[best]} with location in the wrong direction: are ports swapped, is location "
         "measured from the other end, or the sign inverted (it must be that of arg S11, arg S22)?"
-    ]
-
-
-def _unconnected(own: _Presses, slope: float) -> list[str]:
-    """Ports whose phases are alike at all locations and forces, as without a sensor."""
-    dead = []
-    moves = np.any(np.abs(own.change_deg) > _SIGNIFICANT * own.std_deg, axis=1)
-    for port in np.flatnonzero(~moves & (own.known.sum(axis=1) > 1)):
-        along, places = own.direction[port, own.known[port]], own.location_mm[own.known[port]]
-        mean_deg = float(np.degrees(np.angle(along.mean())))
-        about_deg = wrap_deg(np.degrees(np.angle(along)) - mean_deg)
-        if np.ptp(about_deg) <= _SMALLEST_SHARE * slope * np.ptp(places):
-            dead.append(f"{port + 1} ({mean_deg:.0f} deg)")
-    return dead and [
-        f"the phase of port {' and of port '.join(dead)} is the same at all locations and "
-        "forces: is the sensor connected?"
-    ]
-
-
-def _unpressed(own: _Presses, slope: float) -> list[str]:
-    """Whether no force changes the phases, which follow location without a beam as well."""
-    # Both ends together move alike at all locations (line.py).
-    moved = own.change_deg.sum(axis=0)
-    moved_std = np.linalg.norm(own.std_deg, axis=0)
-    stated = np.isfinite(moved_std)
-    places, moved, moved_std = own.location_mm[stated], moved[stated], moved_std[stated]
-    if not len(moved):
-        return []
-    change, std = abs(moved.mean()), np.linalg.norm(moved_std) / len(moved)
-    if change <= _SIGNIFICANT * std:
-        if float(own.on_lines(slope * _SLOPES).max()) >= _ON_A_LINE:
-            return []
-        return [
-            f"phases do not change with force (by {change:.2g} deg, uncertain by {std:.2g} deg): "
-            "was the sensor pressed while they were measured?"
-        ]
-    elsewhere = np.median(moved)
-    still = np.abs(moved) + _SIGNIFICANT * moved_std < 0.5 * abs(elsewhere)
-    return [
-        f"phases do not change with force at location {place:g} mm (by {by:.2g} deg, elsewhere "
-        f"by {elsewhere:.2g} deg): was the sensor pressed while they were measured, in degrees?"
-        for place, by in zip(places[still], moved[still], strict=True)
     ]
 
 
