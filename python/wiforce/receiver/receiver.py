@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from functools import cached_property, partial
 
 import numpy as np
 
@@ -109,9 +108,8 @@ class Receiver:
             len(plan.clocks), plan.reference_groups, plan.waveform
         )
         self.average = SubcarrierAverage()
-        self._make_readout = partial(
-            make_readout, plan, tracked, on_groups, first_group, counts, states
-        )
+        self.readout = make_readout(plan, tracked, on_groups, first_group, counts, states)
+        self.tares = TareRequests(self.reference, self.readout.sensors, plan.group_period_s)
         self._separated, self._newest = False, -1
         # The command states it, where a limit would cost time in every group, and to search the
         # libraries for one 10 ms.
@@ -123,16 +121,6 @@ class Receiver:
             libraries = self._blas.lib_controllers
             self._single_threaded = all(library.num_threads == 1 for library in libraries)
         self._shape = len(plan.table.tones), len(plan.waveform.bins)
-
-    @cached_property
-    def readout(self) -> Readout:
-        """The last stages; they are made when they are first needed, which takes 40 ms."""
-        return self._make_readout()
-
-    @cached_property
-    def tares(self) -> TareRequests:
-        """State of the last request for a tare."""
-        return TareRequests(self.reference, self.readout.sensors, self.plan.group_period_s)
 
     @property
     def counts(self) -> GroupCounts:

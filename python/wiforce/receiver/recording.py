@@ -101,11 +101,9 @@ class RecordingReader:
                 plan = expecting_snr(plan.stating(compression=found), self.survey)
             self.plan = plan
             self.receiver = Receiver(plan, tracked, on_groups=on_groups)
-            # Batches that follow are folded and separated, without Python's lock, while the readout
-            # is made and while one is read.
+            # Batches are folded and separated, without Python's lock, while one is read.
             self._folded.extend(self._folding.submit(self.source.read) for _ in range(_AHEAD - 1))
             self._separated = deque(self._ends.submit(self._separate) for _ in range(_AHEAD))
-            _ = self.receiver.readout
             refused.pop_all()
 
     def _fold(self, plan: Plan) -> None:

@@ -336,7 +336,6 @@ class StreamReader:
             counts=self.counts,
             states=None if former is None else former.states,
         )
-        # Makes its readout, before another thread asks for it and makes a second one.
         receiver.tares.on_state = self.tares.report
         self._receiver = receiver
         self._update_findings()

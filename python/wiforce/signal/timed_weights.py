@@ -28,8 +28,6 @@ _CLUTTER_SHARE = 0.5
 _EXTRA_SEQUENCES = 8
 # Condition of the basis beyond which tones count as undetermined; half of the digits remain.
 _WORST_CONDITION = 1e6
-# Groups of which a table keeps the fit, of some 0.2 MB each.
-_KEPT = 64
 
 # Weights, and an orthonormal basis (columns, n) of what is solved for.
 _Fit = tuple[PartialWeights, np.ndarray]
@@ -90,18 +88,7 @@ class TimedTable(ToneTable):
 
     def _fit(self, times_s: np.ndarray, states: np.ndarray | None) -> _Fit | None:
         """Least squares at these times; None when they do not determine the tones."""
-        key, state = times_s.tobytes(), b"" if states is None else states.tobytes()
-        former, fit = self._fits.get(key, (None, None))
-        if former != state:
-            fit = self._solved(times_s, self._columns(times_s, states))
-            if key in self._fits or len(self._fits) < _KEPT:
-                self._fits[key] = state, fit
-        return fit
-
-    @cached_property
-    def _fits(self) -> dict[bytes, tuple[bytes, _Fit | None]]:
-        """States and fits of some groups by their times: packets are divided several times."""
-        return {}
+        return self._solved(times_s, self._columns(times_s, states))
 
     def _columns(self, times_s: np.ndarray, states: np.ndarray | None) -> np.ndarray:
         """Cosines, sines and clutter at some times, and what differs from state to state."""

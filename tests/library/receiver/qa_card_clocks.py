@@ -86,17 +86,6 @@ def test_clock_that_steps_back_is_a_gap_and_readings_go_on(tmp_path):
     assert (np.abs(read["force_n"] - FORCE_N) < 4 * read["force_std_n"]).all()
 
 
-def test_weights_follow_the_states_when_packets_are_divided_again():
-    """Fits are kept between divisions: one of former states would leave steps in the tones."""
-    times_s = np.sort(np.random.default_rng(1).uniform(-0.5, 0.5, 90))
-    kept, states = timed_table([134.0], times_s, 1.0), np.arange(90) % 3 == 0
-    for each in (states, ~states, np.arange(90) < 40, states):
-        fresh = timed_table([134.0], times_s, 1.0)
-        assert np.array_equal(kept.at(times_s, each).parts, fresh.at(times_s, each).parts)
-        step = kept.at(times_s, each).apply((5.0 * each[:, None]).astype(complex))
-        assert np.abs(step).max() < 1e-9
-
-
 def test_weights_beside_the_tones_are_those_of_both_solved_together():
     """Noise beside a tag is measured where packets at irregular times let the tag leak."""
     rng = np.random.default_rng(2)
