@@ -2,7 +2,6 @@
 """``gr-wiforce read`` of many captures: in parallel, each once, with a summary at the end."""
 
 import contextlib
-import errno
 import fcntl
 import hashlib
 import io
@@ -116,14 +115,7 @@ def _keep(journal, task, report):
     output = Path(task.output)
     try:
         output.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            os.replace(report.partial, output)
-        except OSError as error:
-            if error.errno != errno.EXDEV:
-                raise
-            with replacing(output) as beside:  # the output's folder is on another disk
-                shutil.copyfile(report.partial, beside)
-            os.unlink(report.partial)
+        os.replace(report.partial, output)
         written = output.stat()
     except OSError as error:
         raise OutputError(output, f"cannot be written ({error.strerror})") from error
@@ -382,29 +374,21 @@ def _join_parts(path, parts):
     rows, described = 0, {}
     # A capture of a surface has more columns than one without.
     schemas = [parquet.read_schema(part).remove_metadata() for _, part in parts]
-    plain = pyarrow.unify_schemas(schemas) if schemas else None
-    with replacing(path) as partial:
-        writer = None
+    plain = pyarrow.unify_schemas(schemas)
+    field = pyarrow.field(_CAPTURE, pyarrow.dictionary(pyarrow.int32(), pyarrow.utf8()))
+    options = {"compression": "zstd", "write_page_checksum": True}
+    with (
+        replacing(path) as partial,
+        parquet.ParquetWriter(partial, plain.insert(0, field), **options) as writer,
+    ):
         for name, part in parts:
-            with parquet.ParquetFile(part, page_checksum_verification=True) as file:
-                described[name] = _own_metadata(file.schema_arrow)
-                field = pyarrow.field(_CAPTURE, pyarrow.dictionary(pyarrow.int32(), pyarrow.utf8()))
-                if writer is None:
-                    schema = plain.insert(0, field)
-                    writer = parquet.ParquetWriter(
-                        partial, schema, compression="zstd", write_page_checksum=True
-                    )
-                for batch in file.iter_batches():
-                    names = pyarrow.array([name] * len(batch)).cast(field.type)
-                    held = dict(zip(batch.schema.names, batch.columns, strict=True))
-                    nothing = [None] * len(batch)
-                    own = [held.get(f.name, pyarrow.array(nothing, f.type)) for f in plain]
-                    columns = [names, *own]
-                    writer.write_batch(pyarrow.record_batch(columns, schema=schema))
-                    rows += len(batch)
-        if writer is not None:
-            writer.add_key_value_metadata({_METADATA.decode(): json.dumps(described)})
-            writer.close()
+            table = parquet.read_table(part, page_checksum_verification=True)
+            described[name] = _own_metadata(table.schema)
+            table = pyarrow.concat_tables([plain.empty_table(), table], promote_options="default")
+            names = pyarrow.array([name] * len(table)).cast(field.type)
+            writer.write_table(table.add_column(0, field, names).replace_schema_metadata())
+            rows += len(table)
+        writer.add_key_value_metadata({_METADATA.decode(): json.dumps(described)})
     return rows
 
 

@@ -1,12 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`gr-wiforce simulate` and recordings: which names they take, what they replace and leave."""
 
-import fcntl
-import os
-import pty
 import signal
 import subprocess
-import termios
 from pathlib import Path
 
 import pytest
@@ -15,6 +11,7 @@ from command_runs import refused, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene, simulation_warnings
+from long_cases import cases
 from machine import wait_until
 
 SENSOR = {"name": "arm", "model": "line-900mhz-calibrated"}
@@ -53,7 +50,9 @@ def test_simulate_function_replaces_files_unless_asked_not_to(scene, tmp_path):
         wiforce.simulate(load_scene(scene), tmp_path / "press", overwrite=False)
 
 
-@pytest.mark.parametrize("number, status", [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.parametrize(
+    "number, status", cases((signal.SIGINT, 130), long=((signal.SIGTERM, 143),))
+)
 def test_simulate_ended_by_signal_leaves_no_file(tmp_path, number, status):
     """A minute of samples in a hidden folder fills the disk, and nobody knows whose it is."""
     content = {**SHORT, "simulation": {"truth_model": "line-900mhz", "duration_s": 60.0}}
@@ -68,31 +67,6 @@ def test_simulate_ended_by_signal_leaves_no_file(tmp_path, number, status):
         said = process.communicate(timeout=300)[1]
     word = "terminated" if number == signal.SIGTERM else "interrupted"
     assert process.returncode == status and said.strip() == f"gr-wiforce: {word}"
-    assert names_in(tmp_path) == ["scene.yaml"]
-
-
-def test_simulate_whose_terminal_is_closed_ends_as_by_sigterm(tmp_path):
-    """It ended as after a failure, since nothing could be written to the terminal any more."""
-    content = {**SHORT, "simulation": {"truth_model": "line-900mhz", "duration_s": 60.0}}
-    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
-    command = ["gr-wiforce", "simulate", str(tmp_path / "scene.yaml"), str(tmp_path / "long")]
-    window, terminal = pty.openpty()
-
-    def begin():
-        fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # tests may run under nohup
-
-    with subprocess.Popen(
-        command,
-        **dict.fromkeys(("stdin", "stdout", "stderr"), terminal),
-        start_new_session=True,
-        preexec_fn=begin,
-    ) as process:
-        os.close(terminal)
-        begun = tmp_path.glob
-        wait_until(lambda: any(path.stat().st_size for path in begun(".simulate-*/*")))
-        os.close(window)
-        assert process.wait(60) == 143
     assert names_in(tmp_path) == ["scene.yaml"]
 
 

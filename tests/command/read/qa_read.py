@@ -127,27 +127,14 @@ def test_read_capture_too_short_is_refused(demo, read_args, tmp_path, size, mess
     assert message in said and not (tmp_path / "out.csv").exists()
 
 
-@pytest.mark.parametrize(
-    "section, change, message",
-    [
-        (
-            "radio",
-            {"sample_rate_hz": 10e6},
-            "sample rate must be radio.sample_rate_hz of the scene",
-        ),
-        ("phase_group", {"snapshot": 625}, "snapshot"),
-    ],
-)
-def test_read_invalid_scene_is_refused_in_one_line(demo, tmp_path, section, change, message):
+def test_read_invalid_scene_is_refused_in_one_line(demo, tmp_path):
     folder, _ = demo
     scene = yaml.safe_load((folder / "scene.yaml").read_text())
-    if isinstance(change, dict):
-        scene.setdefault(section, {}).update(change)
-    else:
-        scene[section] = change
+    scene["radio"] = {"sample_rate_hz": 10e6}
     scene["sensors"][0]["model"] = str(folder / "sensor.yaml")
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene))
-    assert message in refused("read", folder / "demo", "--scene", tmp_path / "scene.yaml")
+    said = refused("read", folder / "demo", "--scene", tmp_path / "scene.yaml")
+    assert "sample rate must be radio.sample_rate_hz of the scene" in said
 
 
 def test_read_second_antenna_missing_keeps_earlier_output(demo, tmp_path):
@@ -178,11 +165,11 @@ def test_read_invalid_option_is_refused_before_reading(read_args, tmp_path, opti
     assert message in said and list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("offset", [-1, 1.5, "0"])
-def test_read_function_bad_frame_offset_is_refused(demo, offset):
+def test_read_function_bad_frame_offset_is_refused(demo):
     folder, _ = demo
-    with pytest.raises(InputError, match="frame_offset: must be an integer of at least 0"):
-        wiforce.read(folder / "demo", folder / "scene.yaml", frame_offset=offset)
+    for offset in (-1, 1.5, "0"):
+        with pytest.raises(InputError, match="frame_offset: must be an integer of at least 0"):
+            wiforce.read(folder / "demo", folder / "scene.yaml", frame_offset=offset)
 
 
 def test_read_function_capture_without_finite_samples_is_refused(tmp_path):
