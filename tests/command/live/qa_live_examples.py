@@ -117,9 +117,9 @@ def args_of(device):
     return f"{device.args},{FRAMES}"
 
 
-def read(process, count, of="", limit=300):
-    """Waits until a program has printed so many readings of a device."""
-    wait_until(lambda: sum(line.startswith(of) for line in process.lines) > count, limit)
+def read(process, count):
+    """Waits until a program has printed so many readings."""
+    wait_until(lambda: len(process.lines) > count)
 
 
 def assert_pressed(lines):
@@ -152,19 +152,3 @@ def test_example_record_uhd_recording_can_be_read(device, scene, tmp_path):
     rows = rows_of(tmp_path / "press.csv")
     assert len(rows) > 1.2 / SLOW_GROUP_S
     assert any(row["touch"] == "1" for row in rows)
-
-
-@pytest.mark.long
-def test_example_two_readers_uhd_each_reads_its_own_sensor(device, scene, software_usrp, tmp_path):
-    untouched = scene_file(tmp_path, [], 400, 0.3, **SLOW)
-    other = software_usrp(untouched, speed=2)
-    with example(
-        "two_readers_uhd.py", args_of(device), scene, args_of(other), untouched
-    ) as process:
-        read(process, 1.2 / SLOW_GROUP_S, of=device.args)
-        read(process, 1.2 / SLOW_GROUP_S, of=other.args)
-    first, second = (
-        [line for line in process.lines if line.startswith(which.args)] for which in (device, other)
-    )
-    assert_pressed(first)
-    assert not any("touch=1" in line for line in second)

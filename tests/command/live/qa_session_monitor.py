@@ -77,22 +77,6 @@ def test_session_monitor_warns_at_the_end_of_what_the_last_warnings_did_not_know
     assert not capsys.readouterr().err
 
 
-def test_session_monitor_repeats_what_recurs_at_growing_intervals_once_there_is_time(capsys):
-    """A sentence that came before the first samples was lost, and one that recurred for ever."""
-    now, session = [0.0], session_in_words()
-    session.time_s = 0.0
-    monitor = session_monitor.SessionMonitor(session, HEALTH, now=lambda: now[0])
-    written = []
-    for second in range(60):
-        session.reader.groups.on_warning(f"reader: arm is not received since {second} s")
-        session.time_s = max(0.0, second - 2.0)
-        now[0] = 1.0 * second
-        monitor.look()
-        if capsys.readouterr().err:
-            written.append(second)
-    assert written == [3, 4, 6, 10, 18, 34]
-
-
 def test_session_monitor_many_gaps_advises_larger_socket_buffers(capsys):
     now = [0.0]
     session = session_in_words()

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Streams through unmodified gr-uhd and UHD: every sample, every tag, every fault."""
 
-import device_times
 import numpy as np
 import pmt
 import pytest
@@ -9,7 +8,6 @@ from gnuradio import blocks, gr, uhd
 from wiforce_app.radio.streams import Progress
 
 RATE = 12.5e6
-DELAY = 64  # samples at RATE: the default delay of the device
 START_S = 2.0  # far enough ahead for a busy machine
 
 
@@ -63,74 +61,6 @@ def test_stream_new_time_states_the_loss(software_usrp, tmp_path):
     assert np.array_equal(values[:offset], first + np.arange(offset))
     assert np.array_equal(values[offset:], resumed + np.arange(2_000_000 - offset))
     assert device.command("status")["rx_dropped_samples"] == lost
-
-
-class Host:
-    """Receives and transmits through gr-uhd, with one device for both."""
-
-    def __init__(self, device, rate=RATE, frequency_hz=900e6):
-        stream = uhd.stream_args(cpu_format="fc32", otw_format="sc16", channels=[0])
-        self.source = uhd.usrp_source(device.args, stream)
-        self.sink = uhd.usrp_sink(device.args, stream)
-        for block in (self.source, self.sink):
-            block.set_samp_rate(rate)
-            block.set_center_freq(frequency_hz)
-        self.source.set_time_now(uhd.time_spec(0))
-
-    def exchange(self, bursts, start_s, count):
-        """Send bursts {time_s: samples}; receive `count` samples from `start_s`; complex64."""
-        sent = blocks.vector_source_c(
-            np.concatenate(list(bursts.values())), False, 1, _tags(bursts)
-        )
-        head, received = blocks.head(gr.sizeof_gr_complex, count), blocks.vector_sink_c()
-        self.source.set_start_time(uhd.time_spec(start_s))
-        flowgraph = gr.top_block()
-        flowgraph.connect(sent, self.sink)
-        flowgraph.connect(self.source, head, received)
-        flowgraph.run()
-        return np.array(received.data(), np.complex64)
-
-
-def _tags(bursts):
-    tags, offset = [], 0
-    for time_s, samples in bursts.items():
-        last = offset + len(samples) - 1
-        for where, key, value in [
-            (offset, "tx_time", device_times.value(time_s)),
-            (offset, "tx_sob", pmt.PMT_T),
-            (last, "tx_eob", pmt.PMT_T),
-        ]:
-            tags.append(gr.tag_utils.python_to_tag((where, pmt.intern(key), value, pmt.PMT_F)))
-        offset = last + 1
-    return tags
-
-
-def noise(count, seed, limit=0.7):
-    """Complex samples that are exact in 16 bits."""
-    rng = np.random.default_rng(seed)
-    values = rng.uniform(-limit, limit, 2 * count).astype(np.float32).view(np.complex64)
-    return (np.rint(values.view(np.float32) * 32767) / np.float32(32767)).view(np.complex64)
-
-
-def codes(samples):
-    """What 16-bit integers these are, I Q I Q."""
-    return np.rint(samples.view(np.float32) * 32767).astype(int)
-
-
-def test_stream_timed_bursts_arrive_at_their_sample_and_amplitude(software_usrp):
-    device = software_usrp("--air", "cable")
-    bursts = {
-        START_S: noise(5000, 1),
-        START_S + 8000 / RATE: noise(1, 2),
-        START_S + 0.001: noise(700, 3),
-    }
-    received = Host(device).exchange(bursts, START_S, 20000)
-    expected = np.zeros(20000, np.complex64)
-    for time_s, samples in bursts.items():
-        first = DELAY + round((time_s - START_S) * RATE)
-        expected[first : first + len(samples)] = samples
-    assert np.abs(codes(received) - codes(expected)).max() <= 1
-    assert device.command("status")["tx_late_packets"] == 0
 
 
 def test_a_process_that_was_stopped_does_not_take_its_device_for_lost():
