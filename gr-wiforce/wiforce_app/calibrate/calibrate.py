@@ -263,8 +263,6 @@ def _report(model):
         forms = (f"{form} {row['inside_deg']:.2f} deg" for form, row in validation["forms"].items())
         left_out = f"cross-validation within the span, {validation['left_out']} left out"
         yield f"\n{left_out}: {', '.join(forms)}"
-        if not validation.get("locations"):
-            yield "  too few locations to leave one out: between them nothing is tested"
     yield from (f"assumed: {line}" for line in model.provenance.get("assumed", []))
 
 

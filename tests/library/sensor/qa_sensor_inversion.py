@@ -163,11 +163,6 @@ def test_invert_two_carriers_beat_either(both):
     assert "inconsistent" in both.invert(mixed, 0.3).flags[0]
 
 
-def test_invert_without_std_assumes_one_degree(model):
-    phases = model.phases_deg([3.0, 5.0], [30.0, 50.0])
-    assert model.invert(phases).force_std_n == pytest.approx(model.invert(phases, 1.0).force_std_n)
-
-
 def test_invert_empty_batch_gives_empty_result(model):
     assert model.invert(np.zeros((0, 2)), 0.1).force_n.shape == (0,)
 

@@ -154,21 +154,6 @@ def test_where_force_hides_following_says_so():
     assert "force-unobservable" in found[4] and found[1] > 1.0 and np.mean(inside) >= 0.8
 
 
-def test_carriers_are_followed_together():
-    tables = [load_sensor(f"line-{mhz}mhz") for mhz in (900, 2400)]
-    line = type(tables[0])(
-        **{
-            **{f: getattr(tables[0], f) for f in tables[0].__dataclass_fields__},
-            "frequencies_hz": (900e6, 2400e6),
-        }
-    )
-    tracker = line.tracker(PERIOD_S)
-    for force in np.linspace(2, 5, 12):
-        phases = [line.phases_deg(force, 37.0, f) for f in line.frequencies_hz]
-        found = tracker.update(np.concatenate(phases), 0.3)
-    assert found[0] == pytest.approx(5.0, abs=0.2) and found[2] == pytest.approx(37.0, abs=0.05)
-
-
 def test_settings_that_cannot_be_are_refused(model):
     for settings in ({"group_period_s": 0.0}, {"group_period_s": 1.0, "force_walk_n": -1.0}):
         with pytest.raises(InputError, match="must be positive"):

@@ -4,10 +4,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas
 import pytest
 from command_runs import refused, succeeded
-from gnuradio import wiforce
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.tables import read_vna_csv
 from gnuradio.wiforce.errors import InputError
@@ -195,23 +193,6 @@ def test_scene_transfers_its_models_and_plan_says_so():
 def sensor_file(model, folder):
     write_sensor(model, folder / "bench.yaml")
     return folder / "bench.yaml"
-
-
-def test_scene_at_915_mhz_is_read_with_calibration_of_900_mhz(tmp_path):
-    """From samples to force: simulator, plan and receiver must agree on the carrier's phases."""
-    content = load_scene("tabletop").as_dict()
-    content["radio"]["center_frequency_hz"] = 915e6
-    scene = load_scene(content)
-    wiforce.simulate(scene, tmp_path / "press")
-    read = wiforce.read(tmp_path / "press", scene)
-    truth = pandas.read_csv(tmp_path / "press.truth.csv")
-    both = read.merge(truth, on="time_s", suffixes=("", "_true"))
-    both = both[(both["flags"] == "") & (both["touch"] == 1) & (both["touch_true"] == 1)]
-    assert len(both) > 60
-    for value, std in (("force_n", "force_std_n"), ("location_mm", "location_std_mm")):
-        assert np.mean(np.abs(both[value] - both[f"{value}_true"]) < 2 * both[std]) >= 0.9
-    # Nothing but the calibration's own errors: without the transfer they would be about 0.8 mm.
-    assert np.median(np.abs(both["location_mm"] - both["location_mm_true"])) < 0.1
 
 
 def test_command_transfer_writes_sensor_that_scenes_load(tmp_path):
