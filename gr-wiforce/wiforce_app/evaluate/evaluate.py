@@ -95,7 +95,7 @@ def scenes(scenes, folder, jobs, fresh):
     "-o", "--output", type=click.Path(), help="Write every reading with its errors (CSV)."
 )
 def paper(output):
-    """Score the models on the paper's wireless trials, and print its other series."""
+    """Score the models on the paper's wireless trials."""
     if output is not None:
         check_output(output)
     vna = published.FOLDER / "vna.csv"
@@ -106,9 +106,7 @@ def paper(output):
         write_csv(output, scores.assign(**shown))
     for frequency, own in scores.groupby("freq_mhz"):
         _print_frequency(1e6 * frequency, own)
-    for line in published.series_lines():
-        click.echo(line)
-    click.echo(f"limits of these data: {published.FOLDER / 'README.md'}")
+    click.echo(f"limits of these data, and the paper's other series: {published.FOLDER}")
 
 
 _TRIALS = (

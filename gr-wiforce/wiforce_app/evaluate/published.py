@@ -6,7 +6,6 @@ on the VNA data, the phases' scatter (and, where it says so, one calibration pre
 another trial. From trial 3 nothing is learnt.
 """
 
-from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -15,22 +14,12 @@ from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.calibration.calibrate import calibrate, refine
 from gnuradio.wiforce.calibration.tables import CalibrationTable, read_vna_csv
 from gnuradio.wiforce.io.text.textfile import read_yaml
-from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import PressTracker
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
 from ..shell.log import progress
 
 FOLDER = Path(DATA_DIR) / "data" / "paper"
-# Twice the paper's median force error of one sensor: what it expects of the sum, not a measurement.
-EXPECTED_SUM_N = 1.12
-# Where the fingertips pressed, and the distance within which the paper counts them as located.
-FINGERTIP_MM, WITHIN_MM = 60.0, 10.0
-
-
-def read_series(name):
-    """A published series as an array with named columns."""
-    return np.genfromtxt(FOLDER / f"{name}.csv", delimiter=",", names=True)
 
 
 def paper_figures():
@@ -47,67 +36,10 @@ def paper_figures():
 
 def published_phase_std(distance_m):
     """Published standard deviation of the phase at a receiver's distance, and its error bar."""
-    rows = read_series("distance_phase_std")
+    path = FOLDER / "distance_phase_std.csv"
+    rows = np.genfromtxt(path, delimiter=",", names=True)
     row = rows[rows["distance_from_rx_cm"] == round(100 * distance_m)][0]
     return float(row["phase_std_deg"]), float(row["err_plus_deg"])
-
-
-def sum_errors_n():
-    """Errors of the sum of two sensors against one load cell; the last load has no estimate."""
-    rows = read_series("two_sensor")
-    errors = rows["est_sum_n"] - rows["load_cell_sum_n"]
-    return errors[np.isfinite(errors)]
-
-
-def located_share():
-    """Share of the fingertip presses in the bins within `WITHIN_MM` of where they pressed."""
-    rows = read_series("finger_histogram")
-    near = np.abs(rows["bin_left_mm"] + 5 - FINGERTIP_MM) < WITHIN_MM
-    return float(rows["probability"][near].sum())
-
-
-def budgeted_snr_db():
-    """`snr_db` at the published distances by a link budget; only differences compare."""
-    scene = load_scene("distance_1m")
-    clock_hz, link = scene.sensors[0].clock_hz, scene.simulation.link
-    for distance_cm in read_series("distance_snr")["distance_from_rx_cm"]:
-        receiver_m = float(distance_cm) / 100
-        moved = replace(link, receiver_m=receiver_m, transmitter_m=link.antennas_m - receiver_m)
-        settings = scene.radio.center_frequency_hz, scene.waveform(), clock_hz
-        yield moved.levels_db(*settings)[0]
-
-
-def series_lines():
-    """All of them as lines for a terminal."""
-    errors = np.abs(sum_errors_n())
-    beyond = np.count_nonzero(errors > EXPECTED_SUM_N)
-    yield "Two sensors pressed together, the sum of their forces against one load cell"
-    yield (
-        f"paper: median {np.median(errors):.2f} N, largest {errors.max():.2f} N, n = {len(errors)};"
-        f" {beyond} lie beyond the {EXPECTED_SUM_N} N that it expects (twice 0.56 N)"
-    )
-    yield "ours, simulated: gr-wiforce evaluate two_sensors"
-    yield ""
-    rows = read_series("finger_histogram")
-    bins = zip(rows["bin_left_mm"], rows["bin_right_mm"], rows["probability"], strict=True)
-    shown = ", ".join(f"{100 * p:.3g} % {low:g}-{high:g}" for low, high, p in bins if p)
-    yield f"Fingertips at {FINGERTIP_MM:g} mm and 2.4 GHz, where they were located (mm)"
-    yield f"paper: {shown}; {100 * located_share():.0f} % within {WITHIN_MM:g} mm"
-    yield "ours, simulated: gr-wiforce evaluate fingertip"
-    yield ""
-    snr, phase = read_series("distance_snr"), read_series("distance_phase_std")
-    yield "Distance from the receiver, 900 MHz, antennas 4 m apart; ours by the link budget"
-    yield f"{'m':>5}{'paper: SNR (dB)':>20}{'phase std (deg)':>20}{'ours: snr_db':>15}"
-    for level, std, ours in zip(snr, phase, budgeted_snr_db(), strict=True):
-        db = _bar(level["snr_db"], level["err_minus_db"], level["err_plus_db"])
-        deg = _bar(std["phase_std_deg"], std["err_minus_deg"], std["err_plus_deg"])
-        yield f"{level['distance_from_rx_cm'] / 100:5.1f}{db:>20}{deg:>20}{ours:>15.1f}"
-    yield ""
-
-
-def _bar(value, minus, plus):
-    """An error bar of the paper, which does not say how many standard deviations it has."""
-    return f"{value - minus:.2f} to {value + plus:.2f}"
 
 
 FREQUENCIES_HZ = (900e6, 2400e6)
