@@ -92,12 +92,6 @@ def test_reference_of_a_late_tag_is_taken_when_it_appears():
     assert results.ratios[-1] == pytest.approx([1, 1], abs=1e-6)
 
 
-def test_reference_after_a_tare_is_not_late():
-    groups = [group_of(g, 1.0, [1e-6, np.inf if g < 3 else 1e-6]) for g in range(10)]
-    late = averaged(groups, ConjugateDifference(2, 2), tare_at=6).late_reference.tolist()
-    assert late == [[False, True]] * 8 + [[False, False]] * 2
-
-
 @pytest.mark.parametrize(
     "gamma_db, group_length", cases((-15, 625), (0, 125), long=((0, 625), (20, 625)))
 )

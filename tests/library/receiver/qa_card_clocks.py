@@ -11,7 +11,7 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.packets.packet_channels import undivided
 from gnuradio.wiforce.estimation.packets.packet_groups import PacketGroups
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
-from gnuradio.wiforce.signal.timed_weights import clutter_at, timed_table
+from gnuradio.wiforce.signal.timed_weights import timed_table
 from gnuradio.wiforce.signal.waveform import packet_waveform
 from long_cases import cases
 from packet_simulator import closed
@@ -84,23 +84,3 @@ def test_clock_that_steps_back_is_a_gap_and_readings_go_on(tmp_path):
     read = later[later["touch"] == 1]
     assert len(read) > 0.5 * len(later) > 3 and (read["force_std_n"] < 2).all()
     assert (np.abs(read["force_n"] - FORCE_N) < 4 * read["force_std_n"]).all()
-
-
-def test_weights_beside_the_tones_are_those_of_both_solved_together():
-    """Noise beside a tag is measured where packets at irregular times let the tag leak."""
-    rng = np.random.default_rng(2)
-    times_s, states = np.sort(rng.uniform(-0.5, 0.5, 90)), np.arange(90) % 3 == 0
-    table = timed_table([134.0], times_s, 1.0, clutter_hz=3.0)
-    hertz = np.array([tone.frequency_hz for tone in table.tones])
-    upper = hertz[hertz > 0]
-    (weights,) = table.beside(times_s, states, [2.0])
-    waves = np.exp(2j * np.pi * np.outer(times_s, np.concatenate([upper + 2, -upper - 2, hertz])))
-    slow = clutter_at(times_s, 1.0, 3.0)
-    noise = rng.normal(size=(90, 2)) @ [1, 1j]
-    both = np.linalg.lstsq(np.hstack([waves, slow, states[:, None]]), noise, rcond=None)[0]
-    found = weights.apply(noise[:, None])[:, 0]
-    assert np.abs(found[len(upper) :] - both[: len(upper)]).max() < 1e-9
-    assert np.abs(found[: len(upper)][::-1] - both[len(upper) : 2 * len(upper)]).max() < 1e-9
-    # Nothing is solved for where the packets do not tell it, or there are too few of them.
-    assert table.beside(times_s, states, [0.0]) == []
-    assert table.beside(times_s[:30], states[:30], [2.0]) == []

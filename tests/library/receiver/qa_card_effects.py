@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What real cards add to channel snapshots: flips, strong tags, other senders, poor time stamps."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from card_rooms import (
@@ -26,7 +24,6 @@ from gnuradio.wiforce.estimation.packets.packet_survey import (
     phase_std_deg,
     snapshot_snr_db,
 )
-from gnuradio.wiforce.estimation.packets.tag_parts import _Solution
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
@@ -110,32 +107,6 @@ def test_own_part_of_a_strong_tag_is_solved_and_another_sender_left_out(tmp_path
     assert abs(count - 0.1 * len(capture.time_s)) < 0.03 * len(capture.time_s)
 
 
-def test_own_part_is_solved_where_the_tag_is_strongest_on_a_few_subcarriers():
-    """Solved in turns with the reflections it went to and fro in three of eight such tags."""
-    errors, count, groups = [], 16, 12
-    reflection = np.ones((groups, 2), complex)
-    reflection[6:] = np.exp(1j * np.radians([133.0, 46.5]))
-    for seed in range(8):
-        rng = np.random.default_rng(seed)
-        direct = 0.35 * np.exp(2j * np.pi * rng.random()) * np.linspace(1.7, 0.1, count)
-        combined = 0.25 * np.linspace(2, 0.1, count) ** 2 + 0j
-        part = reflection[:, :, None] * direct
-        noise = 1e-3 * rng.standard_normal((2, groups, 2, count))
-        rises = np.log(np.abs(1 + part)) + noise[1] + 3e-3 * rng.standard_normal((groups, 2, 1))
-        measured = SimpleNamespace(
-            index=np.arange(groups),
-            ends=reflection[:, :, None] * combined / (1 + part) + noise[0] / 3,
-            noise=np.full((groups, count), 1e-7),
-            gain=np.ones((groups, 2)),
-        )
-        variance, common = np.full(rises.shape, 1e-6), np.full((groups, 2), 9e-6)
-        settings = lambda tag: 1 + tag, 6, None, 1.0
-        found = _Solution(measured, slice(0, 2), rises, variance, common, *settings)
-        errors.append(np.abs(found.direct - direct).mean())
-        assert errors[-1] < 4 * found.uncertain
-    assert np.median(errors) < 0.003
-
-
 def test_subcarriers_that_do_not_follow_the_others_are_left_out(tmp_path):
     """An AX200 reports no channel on its pilots, which halved the information of all packets."""
     capture_of(22, duration_s=2.0, snr_db=9.0).save(tmp_path / "a.npz")
@@ -169,25 +140,6 @@ def test_states_of_the_chains_hold_no_tag_and_no_room():
     assert find_states(flipping.channel, flipping.subcarrier_hz, LEAST_STEP).count == 2
     changed = capture_of(60, change_db=-15.0)
     assert find_states(changed.channel, changed.subcarrier_hz, LEAST_STEP).count == 1
-
-
-def test_states_are_flat_factors_and_found_while_switches_are_open():
-    """A tag was taken for a state, and readings were of what remained of it."""
-    rng = np.random.default_rng(1)
-    hertz = 312.5e3 * np.arange(16)
-    channel = np.ones((400, 16, 2), complex) + 0.01 * rng.standard_normal((400, 16, 2))
-    channel[:, :, 0] *= 2  # the stronger antenna does not change
-    closed, period = np.zeros((400, 2)), np.zeros(400, int)
-    closed[:120, 0] = 1
-    flipped = rng.random(400) < 0.3
-    channel[flipped, :, 1] *= 1.12 * np.exp(1e-8j * np.arange(16))
-    other = channel.copy()
-    other[-60:, :, 1] *= 1 + 0.2 * np.exp(0.2j * np.arange(16))  # of the room, or a tag
-    channel[:120, :, 1] *= 1.2
-    assert np.array_equal(find_states(other, hertz, LEAST_STEP).label, flipped)
-    switches = np.zeros(400, bool), closed[None], period
-    found, _ = find_states_beside_tags(channel[None], hertz, LEAST_STEP, *switches)
-    assert np.array_equal(found.label, flipped)
 
 
 def test_state_is_right_in_packets_whose_clock_errs_by_an_edge_of_a_switch():

@@ -8,7 +8,7 @@ import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.signal.lines import clutter_basis, tag_lines
 from gnuradio.wiforce.signal.weights import design_weights
-from plain import WAVEFORM, T, normal
+from plain import T, normal
 
 # Weights are rounded to single precision (24 bits): relative error of a sum about 1e-7.
 SINGLE = 3e-7
@@ -79,20 +79,6 @@ def test_tag_lines_shared_by_two_tags_are_one_tone():
     assert shared == {7000.0: ((0, 7), (1, 5)), -7000.0: ((0, -7), (1, -5))}
 
 
-def test_tag_lines_aliased_lie_where_sampling_puts_them():
-    tones = tag_lines([1000.0], T, 625, harmonics=16)
-    snapshots = np.arange(625)
-    for tone in tones:
-        ((_, m),) = tone.owners
-        on_air = np.exp(2j * np.pi * m * 1000.0 * T * snapshots)
-        aliased = np.exp(2j * np.pi * tone.frequency_hz * T * snapshots)
-        assert np.max(np.abs(on_air - aliased)) < 1e-9
-        assert tone.line_hz == m * 1000.0 and abs(tone.frequency_hz) < 0.5 / T
-    assert [t.frequency_hz for t in tones] == sorted(t.frequency_hz for t in tones)
-    # 17 x 1000 Hz would alias to -361 Hz; within the clutter band it is of no use.
-    assert not any(17 in dict(t.owners).values() for t in tag_lines([1000.0], T, 625, 17, 400.0))
-
-
 @pytest.mark.parametrize("clutter_hz", [0.0, 60.0])
 @pytest.mark.parametrize("pattern", ["snapshots", "bursts", "gap"])
 def test_for_present_equals_pseudo_inverse_and_rejects_strong_static_path(pattern, clutter_hz):
@@ -123,17 +109,6 @@ def test_for_present_equals_pseudo_inverse_and_rejects_strong_static_path(patter
 def test_for_present_too_few_snapshots_returns_none(present):
     table = design_weights([1000.0], 625, T, 60.0)
     assert table.for_present(np.arange(625) < present) is None
-
-
-def test_derotation_undoes_rotation_within_symbol():
-    table = design_weights([1000.0], 625, T)
-    rate = WAVEFORM.sample_rate_hz
-    rotation, gain = table.derotation(rate), table.symbol_gain(rate)
-    for row, tone in enumerate(table.tones):
-        rotating = [np.exp(2j * np.pi * tone.line_hz * (n - 31.5) / rate) for n in range(64)]
-        assert rotation[row] * rotating == pytest.approx(np.ones(64), abs=1e-12)
-        # The mean of 64 samples against the average over their time: 1e-6 at 8 kHz.
-        assert gain[row] == pytest.approx(np.mean(rotating).real, abs=1e-5)
 
 
 @pytest.mark.parametrize(
