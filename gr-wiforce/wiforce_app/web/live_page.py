@@ -82,25 +82,6 @@ _NICENESS = 10
 _LAST_S = 0.5
 
 
-class _Run:
-    """Whether the run is over: it has said so, or its process is gone."""
-
-    def __init__(self, source: ZmqSource, connection: Connection):
-        self._source, self._connection = source, connection
-        self._gone_s: float | None = None
-
-    def ended(self) -> bool:
-        """Asked at every tick."""
-        if self._gone_s is None and self._connection.poll():
-            self._gone_s = time.monotonic()
-        if self._gone_s is None:
-            return False
-        late = time.monotonic() - self._gone_s > _LAST_S
-        if late and not self._source.ended:
-            self._source.give_up("the reader's process has ended without a word")
-        return late or self._source.ended
-
-
 def main() -> None:
     """Serve the page, with the descriptors of the open port and of the connection."""
     from .server import PageServer, serve_until_signal  # with Bokeh, which takes a second
@@ -111,11 +92,19 @@ def main() -> None:
     connection = Connection(descriptor)
     address, readings, control, folder = connection.recv()
     source = ZmqSource(readings, control, name="the reader")
-    run = _Run(source, connection)
+    gone_s: float | None = None
+
+    def ended() -> bool:
+        """Whether the run has said that it is over, or its process is gone."""
+        nonlocal gone_s
+        if gone_s is None and connection.poll():
+            gone_s = time.monotonic()
+        return gone_s is not None and (source.ended or time.monotonic() - gone_s > _LAST_S)
+
     try:
         with socket.socket(fileno=port) as listening:
             serve_until_signal(
-                lambda: PageServer(source, address, listening), run.ended, (signal.SIGTERM,)
+                lambda: PageServer(source, address, listening), ended, (signal.SIGTERM,)
             )
     finally:
         # The reader cannot do it when it was killed.

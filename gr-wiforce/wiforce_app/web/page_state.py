@@ -32,8 +32,6 @@ def number(value: Any) -> float | None:
 STATUS = ("state", "reason", "scene", "time_s", "tare", "sensors", "surface", "gaps", "groups")
 # Whatever the length of a group, so that memory and messages stay small.
 _MOST_ROWS = 50_000
-# Of a message, some 200 kB; more follow when it has left. Each viewer that reads slowly holds one.
-_MOST_ROWS_SENT = 2000
 # The columns of a row as the page gets it, in this order.
 ROW = (
     "sensor",
@@ -72,7 +70,6 @@ class PageState:
         self._newest: dict[str, float] = {}
         self._arrived: dict[str, float] = {}
         self._status: dict[str, Any] = {}
-        self._texts: dict[tuple[tuple[int, int], bool], str] = {}
 
     @property
     def position(self) -> tuple[int, int]:
@@ -94,7 +91,6 @@ class PageState:
         self._count += 1
         while self._rows[0][1] < time_s - self._history_s:
             self._rows.popleft()
-        self._texts.clear()
 
     def follow(self, run: str | None) -> None:
         """Begin a new history where another run, if its identifier is known, has begun."""
@@ -117,29 +113,14 @@ class PageState:
     def show(self, status: Mapping[str, Any]) -> None:
         """Take the status of the source."""
         self._status = dict(status)
-        self._texts.clear()
 
     def message(self, position: tuple[int, int], status: bool) -> str:
-        """What a viewer lacks, or a part, as JSON; ``restart`` forgets, as new ones at (-1, 0)."""
-        key = (position, status)
-        if key not in self._texts:
-            restart, first = self._lacking(position)
-            rows = list(islice(self._rows, first, first + _MOST_ROWS_SENT))
-            message: dict[str, Any] = {"restart": restart, "rows": rows}
-            if status:
-                message["status"] = {**self._status, "run": self._run, "ages": self.ages()}
-            self._texts[key] = json.dumps(message, separators=(",", ":"), allow_nan=False)
-        return self._texts[key]
-
-    def position_after(self, position: tuple[int, int]) -> tuple[int, int]:
-        """How far a viewer is that gets the message for a position."""
-        _, first = self._lacking(position)
-        kept = self._count - len(self._rows)
-        return self._runs, min(self._count, kept + first + _MOST_ROWS_SENT)
-
-    def _lacking(self, position: tuple[int, int]) -> tuple[bool, int]:
-        """Whether a viewer begins anew, and the first row that it lacks."""
+        """What a viewer lacks as JSON; ``restart`` forgets, as new ones at (-1, 0)."""
         runs, count = position
         kept = self._count - len(self._rows)
         restart = runs != self._runs or count < kept
-        return restart, 0 if restart else count - kept
+        rows = list(islice(self._rows, 0 if restart else count - kept, None))
+        message: dict[str, Any] = {"restart": restart, "rows": rows}
+        if status:
+            message["status"] = {**self._status, "run": self._run, "ages": self.ages()}
+        return json.dumps(message, separators=(",", ":"), allow_nan=False)

@@ -2,11 +2,13 @@
 """The server of the page: its connections, what each browser is sent, and the plots."""
 
 import asyncio
+import contextlib
 import json
 import logging
 import math
 import signal
 import socket
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -23,11 +25,12 @@ from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, Range1d
 from bokeh.plotting import figure
 from bokeh.resources import Resources
-from gnuradio.wiforce.io.network.zmq_sockets import is_loopback
+from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.network.zmq_sockets import is_loopback, request
 from gnuradio.wiforce.io.palette import FAINT, GRID, INK
 
 from .address import PageAddress
-from .page_state import PageState
+from .page_state import PageState, loaded
 from .sources import FileSource, ZmqSource
 
 _ASSETS = Path(__file__).with_name("assets")
@@ -36,6 +39,8 @@ _TICK_S = 0.03
 # Of signal that viewers can scroll back to.
 HISTORY_S = 600.0
 _STATUS_S = 0.5  # as often as heartbeats come
+# A tare takes as long as the reference, some seconds at most.
+_ANSWER_S = 60.0
 # Of connections that have died without a word; Tornado ends them after three of these.
 _PING_S = 20.0
 _LONGEST_REQUEST = 1024
@@ -207,24 +212,38 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
 
     def open(self, *_: str) -> None:
         self.answers: deque[str] = deque()
-        self._position = _NEW
+        self._position, self._asks = _NEW, False
         self.set_nodelay(True)
         self.page.viewers.add(self)
         self.update(status=True)
 
     def on_close(self) -> None:
         self.page.viewers.discard(self)
-        if isinstance(self.page.source, ZmqSource):
-            self.page.source.forget(self._take_answer)
 
     def on_message(self, message: str | bytes) -> None:
+        if self.page.source.control is not None and not self._asks:
+            if message in ("tare", "tare force"):
+                self._asks = True
+                given = str(message), asyncio.get_running_loop()
+                # A reader that hangs must not delay the end of the page.
+                threading.Thread(target=self._ask, args=given, daemon=True).start()
+
+    def _ask(self, word: str, loop: asyncio.AbstractEventLoop) -> None:
+        """Ask the reader for a tare, in a thread."""
         source = self.page.source
-        if message in ("tare", "tare force") and isinstance(source, ZmqSource):
-            source.tare(self._take_answer, message == "tare force")
+        assert source.control is not None
+        try:
+            text = request(source.control, word, _ANSWER_S, source.keys)
+        except InputError as error:
+            text = json.dumps({"ok": False, "error": str(error)})
+        silence = {"ok": False, "error": f"no answer from the reader in {_ANSWER_S:g} s"}
+        answer = silence if text is None else loaded(text)
+        with contextlib.suppress(RuntimeError):  # the page has ended meanwhile
+            loop.call_soon_threadsafe(self._take_answer, answer)
 
     def _take_answer(self, answer: dict[str, Any]) -> None:
-        known = {key: answer.get(key) for key in ("ok", "error")}
-        self.answers.append(json.dumps({"answer": known}))
+        self._asks = False
+        self.answers.append(json.dumps({"answer": answer}))
 
     def update(self, status: bool) -> None:
         """Send what the browser lacks, unless it has not taken the last message yet."""
@@ -235,7 +254,7 @@ class _Viewer(_Guarded, tornado.websocket.WebSocketHandler):
             self._send(self.answers.popleft())
         elif self._position != page_state.position or status:
             text = page_state.message(self._position, status or self._position == _NEW)
-            self._position = page_state.position_after(self._position)
+            self._position = page_state.position
             self._send(text)
 
     def _send(self, text: str) -> None:

@@ -32,6 +32,7 @@ class FileSource:
 
     def __init__(self, path: str | Path, now: Callable[[], float] = time.monotonic):
         self._path, self._now = Path(path), now
+        self.control = self.keys = None
         form = format_of(path)
         if form is None or not form.text:
             raise InputError(path, "must be a file .csv or .jsonl, or a ZMQ endpoint tcp://...")
@@ -132,8 +133,6 @@ def _fields(line: str) -> list[str]:
 
 # Heartbeats come every 0.5 s; after four that are missing, the reader counts as lost.
 _SILENT_S = 2.0
-# A tare takes as long as the reference, some seconds at most.
-_ANSWER_S = 60.0
 # Most messages that one call takes, so that viewers are served meanwhile.
 _MOST_MESSAGES = 2000
 _LONGEST_POLL_S = 0.05
@@ -142,7 +141,7 @@ _LONGEST_MESSAGE = 64 << 10
 
 
 class ZmqSource:
-    """Subscribes to a live reader at ``readings``, and passes tares on to it at ``control``."""
+    """Subscribes to a live reader at ``readings``, which takes requests at ``control``."""
 
     def __init__(
         self,
@@ -153,13 +152,20 @@ class ZmqSource:
         now: Callable[[], float] = time.monotonic,
     ):
         zmq = optional_module("zmq", "SOURCE")
-        self._now, self._keys, self._name = now, keys, name or readings
-        self._control = None if control is None else endpoint_of(control, "--control")
+        self._now, self.keys, self._name = now, keys, name or readings
+        self.control = None if control is None else endpoint_of(control, "--control")
+        endpoint = endpoint_of(readings, "SOURCE")
         self._context = zmq.Context()
-        self._subscriber = self._connected(zmq.SUB, endpoint_of(readings, "SOURCE"), "SOURCE")
+        self._subscriber = self._context.socket(zmq.SUB)
+        self._subscriber.setsockopt(zmq.MAXMSGSIZE, _LONGEST_MESSAGE)
         self._subscriber.subscribe("")
-        # Socket and time of pending tares, by what takes the answer and whether it is forced.
-        self._asked: dict[tuple[Callable[[dict[str, Any]], None], bool], tuple[Any, float]] = {}
+        if keys is not None:
+            keys.apply(self._subscriber)
+        try:
+            self._subscriber.connect(endpoint)
+        except zmq.ZMQError as error:
+            self.close()
+            raise InputError("SOURCE", f"cannot be connected to ({error})", readings) from error
         self._heard_s: float | None = None
         self._shown: dict[str, Any] = {"state": "waiting", "sensors": {}}
         self.ended = False
@@ -171,53 +177,12 @@ class ZmqSource:
             if not self._subscriber.poll(0) or time.monotonic() > end_s:
                 break
             self._take(loaded(self._subscriber.recv()), page_state)
-        self._take_answers()
         page_state.show(self._status())
 
-    def tare(self, answer: Callable[[dict[str, Any]], None], force: bool = False) -> None:
-        """Request a tare, unless the same is pending; ``answer`` takes ``ok`` and ``error``."""
-        import zmq
-
-        if self._control is None:
-            answer({"ok": False, "error": "tare refused: the page has no --control endpoint"})
-            return
-        if (answer, force) not in self._asked:
-            socket = self._connected(zmq.REQ, self._control, "--control")
-            self._asked[answer, force] = socket, self._now()
-            socket.send_string("tare force" if force else "tare")
-
-    def forget(self, answer: Callable[[dict[str, Any]], None]) -> None:
-        """Expect no answer for one who has gone."""
-        for force in (False, True):
-            if (answer, force) in self._asked:
-                self._asked.pop((answer, force))[0].close(linger=0)
-
-    def give_up(self, reason: str) -> None:
-        """Expect no more messages."""
-        self._shown |= {"state": "lost", "reason": reason}
-        self.ended = True
-
     def close(self) -> None:
-        """Give the sockets back."""
+        """Give the socket back."""
         self._subscriber.close(linger=0)
-        for socket, _ in self._asked.values():
-            socket.close(linger=0)
         self._context.term()
-
-    def _connected(self, kind: int, endpoint: str, option: str) -> Any:
-        import zmq
-
-        socket = self._context.socket(kind)
-        socket.setsockopt(zmq.MAXMSGSIZE, _LONGEST_MESSAGE)
-        socket.setsockopt(zmq.LINGER, 0)
-        if self._keys is not None:
-            self._keys.apply(socket)
-        try:
-            socket.connect(endpoint)
-        except zmq.ZMQError as error:
-            socket.close()
-            raise InputError(option, f"cannot be connected to ({error})", endpoint) from error
-        return socket
 
     def _take(self, message: dict[str, Any], page_state: PageState) -> None:
         kind = message.get("message")
@@ -231,20 +196,8 @@ class ZmqSource:
         page_state.follow(message.get("run"))
         self._shown = {key: message[key] for key in STATUS if key in message}
 
-    def _take_answers(self) -> None:
-        for asked, (socket, sent_s) in tuple(self._asked.items()):
-            if socket.poll(0):
-                answer = loaded(socket.recv())
-            elif self._now() - sent_s > _ANSWER_S:
-                answer = {"ok": False, "error": f"no answer from the reader in {_ANSWER_S:g} s"}
-            else:
-                continue
-            socket.close(linger=0)
-            del self._asked[asked]
-            asked[0](answer)
-
     def _status(self) -> dict[str, Any]:
-        status = {**self._shown, "source": self._name, "can_tare": self._control is not None}
+        status = {**self._shown, "source": self._name, "can_tare": self.control is not None}
         if self._heard_s is None:
             status["reason"] = f"no messages from {self._name} yet"
         elif not self.ended and (silent_s := self._now() - self._heard_s) > _SILENT_S:
