@@ -1,13 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A software USRP N210: the device's side of the protocol of libuhd's ``usrp2`` driver.
 
-``python3 -m software_n210 --air cable`` runs one; docs/radios.md describes it. `device` is the
-loop, `hardware` what it moves: registers, the streams (`receive`, `transmit`), and what is between
-the connectors (`frontend`, `cable`, `scene_air`). `host_link` is the host's side.
+``gr-wiforce emulate`` runs one; docs/radios.md describes it. `device` is the loop, `hardware` what
+it moves: registers, the streams (`receive`, `transmit`), and what is between the connectors
+(`frontend`, `cable`, `scene_air`). `host_link` is the host's side.
 """
-
-from .cable import Cable, Counter
-from .device import Device
-from .faults import parse_fault
-
-__all__ = ["Cable", "Counter", "Device", "parse_fault"]

@@ -1,21 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A software USRP for any test: a process at a loopback address of its own."""
 
-import sys
-
 import pytest
 from wiforce_app.bench.live import DeviceProcess
 
 
 class SoftwareUsrp(DeviceProcess):
-    """A running software N210, without the command ``gr-wiforce``."""
+    """A running software N210."""
 
     def __init__(self, *arguments, speed=1.0, faults=(), address=None):
         options = ["--speed", speed]
         for fault in faults:
             options += ["--fault", fault]
-        command = (sys.executable, "-m", "software_n210")
-        super().__init__(*arguments, *options, address=address, command=command)
+        super().__init__(*arguments, *options, address=address)
 
 
 @pytest.fixture

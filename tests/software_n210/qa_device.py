@@ -167,7 +167,7 @@ job.kill()
 def test_device_in_the_background_of_a_terminal_is_not_stopped_by_keys():
     """`emulate demo &` in a shell was stopped by the next command that was typed."""
     port = free_port()
-    device = ["-m", "software_n210", "--air", "cable", "--bind", "127.0.211.8"]
+    device = ["-m", "wiforce_app.main", "emulate", "--air", "cable", "--bind", "127.0.211.8"]
     device += ["--control", str(port)]
     shell, terminal = pty.openpty()
     with subprocess.Popen(

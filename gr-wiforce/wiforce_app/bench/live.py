@@ -26,14 +26,13 @@ _TRIES = 30
 _STOP_S = 10
 # The command, whatever the name under which it is installed.
 RUN = "from wiforce_app.main import run; raise SystemExit(run())"
-EMULATE = (sys.executable, "-c", RUN, "emulate")
 
 
 class DeviceProcess:
     """A running software N210 of UHD arguments ``args``; RuntimeError if it does not start."""
 
-    def __init__(self, *arguments, address=None, command=EMULATE):
-        command = [*command, *map(str, arguments)]
+    def __init__(self, *arguments, address=None):
+        command = [sys.executable, "-c", RUN, "emulate", *map(str, arguments)]
         pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
         for _ in range(_TRIES):
             self.address = address or f"127.0.{random.randrange(1, 255)}.{random.randrange(1, 255)}"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 
 from gnuradio.wiforce.io.readings import Reading, written_utc
-from gnuradio.wiforce.press.sensor_state import PATIENCE_S, RETUNED, describe_silence
+from gnuradio.wiforce.press.sensor_state import PATIENCE_S, describe_silence
 
 from ..shell.log import log
 from .radio_keeper import OPENING, RECONNECTING, RUNNING, RadioKeeper
@@ -29,7 +29,6 @@ _WITHOUT_DEVICE = {
 _DROPPED = ("gap",)  # flags of a group that was not received
 # Signal by which a tare may take longer than its reference, for groups in processing.
 _TARE_MARGIN_S = 2.0
-_STATUS_S = 10.0  # between texts for systemd
 # Of an output that takes no readings, or a block that does not return.
 _STUCK_S = 10.0
 
@@ -116,12 +115,9 @@ class RunHealth:
             return f"{text}; readings are flagged inconsistent until a tare"
         silent_s = reading.time_s - tag.received_s
         text = f"{name} is received again at {reading.time_s:.2f} s, after {silent_s:.1f} s"
-        if not problem:
-            return f"{text}; readings continue from the former reference"
-        if problem == RETUNED:
-            return f"{text}; {problem}: readings are flagged moved until a tare"
-        ends = "until its untouched phases are seen or a tare is forced"
-        return f"{text}; {problem}: readings are flagged ambiguous {ends}"
+        if problem:
+            return f"{text}; {problem}: readings are flagged until a tare"
+        return f"{text}; readings continue from the former reference"
 
     def look(self) -> None:
         """Log what has happened, and give up a tare that cannot be completed."""
@@ -261,16 +257,15 @@ class ServiceManager:
         watched = limit_us.isdecimal() and process == str(os.getpid())
         # Half of the limit, as sd_watchdog_enabled(3) advises.
         self._alive_every_s = 0.5e-6 * int(limit_us) if watched else float("inf")
-        self._alive_s, self._status_s = 0.0, -_STATUS_S
-        self._ready, self._stuck, self._state = False, False, ""
+        self._alive_s, self._ready, self._stuck = 0.0, False, False
         self._address = "\0" + address[1:] if address.startswith("@") else address
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
         self._socket.setblocking(False)
 
     def look(self) -> None:
         """Tell what is due, and that the reader works unless samples are not taken from it."""
-        now, state = self._now(), self._keeper.state
-        if not self._ready and (state != OPENING or self._keeper.waits):
+        now = self._now()
+        if not self._ready and (self._keeper.state != OPENING or self._keeper.waits):
             self._ready = self._send("READY=1")
         stuck = self._session.behind_s > _STUCK_S
         if stuck and not self._stuck:
@@ -281,11 +276,6 @@ class ServiceManager:
         self._stuck = stuck
         if not stuck and now - self._alive_s >= self._alive_every_s and self._send("WATCHDOG=1"):
             self._alive_s = now
-        if state != self._state or now - self._status_s >= _STATUS_S:
-            text = {OPENING: "waiting for the device", RUNNING: "reading"}.get(state, state)
-            groups = self._session.reader.counts.short()
-            if self._send(f"STATUS={text}; {self._session.time_s:.0f} s, {groups}"):
-                self._state, self._status_s = state, now
 
     def stopping(self) -> None:
         """The service ends."""
