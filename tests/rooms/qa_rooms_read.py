@@ -10,7 +10,7 @@ import pytest
 
 from rooms.judge import failures
 from rooms.rooms import room_named
-from rooms.score import read_stream, score_capture
+from rooms.score import score_capture
 
 # An undisturbed room, and those whose disturbance no other test reads a press in.
 ROOMS = ("clean", "walker+30-declared", "near-tag-20ppm", "image-30", "half-frame")
@@ -50,18 +50,6 @@ def test_undescribed_room_gives_no_confident_wrong_reading(name, cache, tmp_path
     assert tally.steady >= 8 or room.refusable
     if not name.startswith("mixture"):
         assert "flags" not in failures(room, tally.summary())
-
-
-@pytest.mark.long
-def test_stream_of_compressing_receiver_is_corrected_like_a_recording(cache, tmp_path):
-    """A program would read other forces live than from the recording of the same samples."""
-    room = replace(room_named("iq-raw"), presses=PRESSES, duration_s=1.5)
-    _, recording = score_capture("iq-raw", 2, tmp_path / "recording", cache, False, room=room)
-    _, stream = score_capture("iq-raw", 2, tmp_path / "stream", cache, False, read_stream, room)
-    found, expected = stream.summary(), recording.summary()
-    for key in ("all_phases_rms_deg", "force_rms_n", "force_std_rms_n"):
-        assert found[key] == pytest.approx(expected[key], rel=1e-4)
-    assert found["all_phases_rms_deg"] < 0.2
 
 
 def test_presses_of_swapped_ends_are_flagged_after_the_second_one(cache, tmp_path):

@@ -2,11 +2,10 @@
 """Read captures of real rooms with the product and count confident wrong readings.
 
     build/run python3 tests/rooms/score.py [--room NAME ...] [--seeds 3] [--mixtures 100]
-        [--stream] [--jobs 1] [--keep FOLDER] [--list]
+        [--jobs 1] [--keep FOLDER] [--list]
 
 For every room and seed: a VNA table is calibrated (``gr-wiforce calibrate``), a capture read
-(``gr-wiforce read``, or the block Reader with ``--stream``), and the readings are compared with the
-truth.
+(``gr-wiforce read``), and the readings are compared with the truth.
 
 A reading is judged if its whole group lies in the hold of a press (steady) or where nothing is
 pressed; presses that come and go are not judged. An unflagged reading is wrong
@@ -20,7 +19,6 @@ import argparse
 import hashlib
 import math
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
@@ -55,34 +53,7 @@ def calibrated(table, cache):
     shutil.copy(kept, table.with_suffix(".yaml"))
 
 
-def read_stream(capture, scene, output):
-    """Read a capture as a stream of samples; returns exit status and message."""
-    program = (
-        "import sys; from gnuradio import blocks, gr, wiforce\n"
-        "from gnuradio.wiforce.estimation.capture import recorded_frames\n"
-        "from gnuradio.wiforce.io.capture import open_capture\n"
-        "capture, plan = open_capture(sys.argv[1]), wiforce.plan(sys.argv[2])\n"
-        "frames = recorded_frames.require_frames(capture, plan.waveform)\n"
-        "offset = recorded_frames.first_frame(capture, plan.waveform, frames)\n"
-        "flowgraph = gr.top_block()\n"
-        "with wiforce.open_writer(sys.argv[3]) as writer:\n"
-        "    reader = wiforce.reader(plan, 'sc16', offset, on_reading=writer.begin().write)\n"
-        "    source = blocks.file_source(4, str(capture.path), False)\n"
-        "    flowgraph.connect(source, reader)\n"
-        "    flowgraph.run()\n"
-        "sys.exit(str(reader.failure) if reader.failure else 0)\n"
-    )
-    command = [sys.executable, "-c", program, *map(str, (capture, scene, output))]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    return done.returncode, done.stderr.strip()
-
-
-def read_recording(capture, scene, output):
-    """Read a capture with the command; returns exit status and message."""
-    return command("read", capture, "--scene", scene, "-o", output)
-
-
-def score_capture(name, seed, folder, cache, keep, read=read_recording, room=None):
+def score_capture(name, seed, folder, cache, keep, room=None):
     """Write, calibrate, read and judge one capture; of another room than its name's if given."""
     began = time.monotonic()
     room = room or room_named(name)
@@ -90,7 +61,8 @@ def score_capture(name, seed, folder, cache, keep, read=read_recording, room=Non
     write_room(room, seed, folder)
     calibrated(folder / "finger.csv", cache)
     output = folder / "readings.csv"
-    status, message = read(folder / "capture", folder / "scene.yaml", output)
+    files = folder / "capture", "--scene", folder / "scene.yaml", "-o", output
+    status, message = command("read", *files)
     tally = Tally(refused=[f"exit {status}: {message.replace(f'{folder}/', '')}"])
     if status == 0:
         tally = judge(room, rows_of(output))
@@ -150,7 +122,6 @@ def parse(arguments):
     )
     parser.add_argument("--seeds", type=int, default=3, help="captures of every room")
     parser.add_argument("--mixtures", type=int, default=0, help="random mixtures, one capture each")
-    parser.add_argument("--stream", action="store_true", help="read with the block Reader")
     parser.add_argument("--jobs", type=int, default=1, help="captures at the same time")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="keep all files there")
     parser.add_argument("--list", action="store_true", help="print the names of the rooms")
@@ -172,7 +143,6 @@ def main(arguments=None):
     names = options.room or ([] if options.mixtures else list(ROOMS))
     seeds = {name: range(1, options.seeds + 1) for name in names}
     seeds |= {f"mixture-{seed}": [seed] for seed in range(1, options.mixtures + 1)}
-    read = read_stream if options.stream else read_recording
     kept = nullcontext(options.keep) if options.keep else tempfile.TemporaryDirectory()
     tallies, total = {}, Tally()
     print(header())
@@ -181,7 +151,7 @@ def main(arguments=None):
 
         def scored(name, seed):
             folder = base / f"{name}.{seed}"
-            return pool.submit(score_capture, name, seed, folder, base, options.keep, read)
+            return pool.submit(score_capture, name, seed, folder, base, options.keep)
 
         tasks = {name: [scored(name, seed) for seed in seeds[name]] for name in seeds}
         for name, own in tasks.items():

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from chain_runs import assert_equal_readings, readings_of_reader
 from gnuradio import wiforce
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.tables import read_vna_csv
@@ -20,7 +21,7 @@ from gnuradio.wiforce.sensor import write_sensor
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.wiforce_kernels import folded_reader, interference_screen
 from long_cases import cases
-from press_capture import array_source, run_flowgraph
+from press_capture import DEFAULT, array_source, run_flowgraph
 from second_simulator import Line, Tag, write_vna
 
 # A quarter of the usual rate costs a quarter of the time.
@@ -422,3 +423,14 @@ def test_stream_of_a_clock_without_crystal_is_read(tmp_path):
     assert reader.failure is None
     assert reader.plan.clocks_hz[0] == pytest.approx(1040 * 1.012, abs=0.1)
     assert_right(readings)
+
+
+def test_stream_of_a_compressing_receiver_is_read_as_its_recording(tmp_path):
+    """A program would read other forces live than from the recording of the same samples."""
+    scene = DEFAULT | {"simulation": DEFAULT["simulation"] | {"front_end": {"compression": 0.03}}}
+    simulate(load_scene(scene), tmp_path / "a")
+    codes = np.fromfile(tmp_path / "a.sigmf-data", "<i2").reshape(-1, 2)
+    recorded = RecordingReader(open_capture(tmp_path / "a"), scene)
+    assert recorded.plan.compression is not None
+    wanted = [reading for batch in recorded for reading in batch]
+    assert_equal_readings(readings_of_reader(scene, array_source(codes)), wanted)
