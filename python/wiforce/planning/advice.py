@@ -267,25 +267,13 @@ def improve(plan: Plan) -> list[Proposal]:
             std = float(phase_std_deg(changed).max())
         except InputError:
             continue
-        faster = changed.group_period_s < _WORTHWHILE_TIME * plan.group_period_s
-        useful = faster or _farther_from_lamps(plan, changed)
+        # Clocks are proposed where they are better: of lamps, the noise says nothing.
+        useful = changed.clocks_hz != plan.clocks_hz
+        useful |= changed.group_period_s < _WORTHWHILE_TIME * plan.group_period_s
         if std < _WORTHWHILE_NOISE * now or (useful and std < now / _WORTHWHILE_NOISE):
             times = (plan.group_period_s, changed.group_period_s)
             found.append(Proposal(change, reason, (now, std), times))
     return found
-
-
-def _farther_from_lamps(plan: Plan, changed: Plan) -> bool:
-    """Whether a change moves lines of tags away from those of lamps, and no others near them."""
-    mains_hz = plan.require_scene().environment.possible_mains_hz
-    now_hz, then_hz = (
-        np.array([lamp_distances_hz(hz, mains_hz).min() for hz in chosen.clocks_hz])
-        for chosen in (plan, changed)
-    )
-    near = [found.tag for found in lines_near_lamps(plan)]
-    still = [found.tag for found in lines_near_lamps(changed)]
-    farther = np.any(then_hz[near] >= FARTHER * now_hz[near])
-    return bool(farther and np.all(then_hz[still] >= now_hz[still]))
 
 
 def _changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
@@ -338,27 +326,22 @@ def _length_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]
 
 
 def _clock_changes(scene: Scene) -> Iterator[tuple[str, str, Scene]]:
-    """The clocks of `clocks_for`, for each tag by itself and for all tags at once."""
-    clocks_hz = _proposed_hz(scene)
-    now_hz, mains_hz = [s.clock_hz for s in scene.sensors], scene.environment.possible_mains_hz
-    others = [i for i, hz in enumerate(clocks_hz) if hz != now_hz[i]]
-    last = len(clocks_hz) - 1
-    for tags in [[i] for i in others] + [others] * (len(others) > 1):
-        alone = len(tags) == 1
-        key, whose = f"sensors[0..{last}].clock_hz", "all tags"
-        if alone:
-            key, whose = f"sensors[{tags[0]}].clock_hz", f"'{scene.sensors[tags[0]].name}'"
-        now, then = (
-            min(float(lamp_distances_hz(clocks[i], mains_hz).min()) for i in tags)
-            for clocks in (now_hz, clocks_hz)
-        )
-        reason = "further from those of other tags"
-        if then > now:
-            lamps = f"from {lamp_multiples(mains_hz)}, where lamps have theirs"
-            reason = f"{then:g} Hz instead of {now:g} Hz {lamps}"
-        shown = ", ".join(f"{clocks_hz[i]:.9g}" for i in (tags if alone else range(last + 1)))
-        yield (
-            f"{key}: {shown}",
-            f"lines of {whose} are {reason}",
-            scene.with_clocks({i: clocks_hz[i] for i in tags}),
-        )
+    """The clocks of `clocks_for`, where they are others."""
+    clocks_hz, now_hz = _proposed_hz(scene), [sensor.clock_hz for sensor in scene.sensors]
+    tags = [i for i, hz in enumerate(clocks_hz) if hz != now_hz[i]]
+    if not tags:
+        return
+    mains_hz = scene.environment.possible_mains_hz
+    now, then = (
+        min(float(lamp_distances_hz(clocks[i], mains_hz).min()) for i in tags)
+        for clocks in (now_hz, clocks_hz)
+    )
+    reason = "lines are further from those of other tags"
+    if then > now:
+        lamps = f"from {lamp_multiples(mains_hz)}, where lamps have theirs"
+        reason = f"lines are {then:g} Hz instead of {now:g} Hz {lamps}"
+    yield (
+        ", ".join(f"sensors[{i}].clock_hz: {clocks_hz[i]:.9g}" for i in tags),
+        reason,
+        scene.with_clocks({i: clocks_hz[i] for i in tags}),
+    )
