@@ -13,7 +13,7 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.off_state import corrected_phase_deg
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.text.textfile import read_yaml
-from gnuradio.wiforce.planning.expected import expect, why_not_readable
+from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.scene import load_scene
@@ -48,7 +48,6 @@ def run(scene_name, work_folder):
         sensors, readings = _read(scene, recording, truth)
     return {
         "scene": str(scene_name),
-        "seed": scene.simulation.seed,
         "sensors": sensors,
         "sum": _sum_of_forces(scene, readings, truth),
         "causes": _causes(scene_name, scene, sensors[0], work_folder),
@@ -77,18 +76,11 @@ def _read(scene, recording, truth):
         methods = {"ours": pooled_summary([scores[i]])}
         for method, detrend in (("paper", False), (CORRECTED, True)):
             methods[method] = paper_errors(scene, i, changes, rows, detrend)
-        flags = {f for reading in readings if reading.sensor == sensor.name for f in reading.flags}
         sensors.append(
             {
                 "sensor": sensor.name,
-                "model": sensor.model,
-                "truth_model": scene.simulation.tags[i].truth_model,
                 "methods": methods,
-                "missed": scores[i].missed,
-                "false": scores[i].false,
                 "flagged": scores[i].flagged,
-                "not_readable": why_not_readable(scene, i),
-                "flags": sorted(flags),
                 "bound_rms_deg": float(np.sqrt(np.mean(np.square(expected[i].phase_std_deg)))),
                 "radio_noise": scene.simulation.radio_noise is not None,
                 "expected": {

@@ -18,7 +18,7 @@ from wiforce_app.evaluate.experiment import (
     simulated,
     with_cause,
 )
-from wiforce_app.evaluate.published import paper_figures, published_phase_std
+from wiforce_app.evaluate.published import paper_figures
 from wiforce_app.shell.provenance import fingerprint
 
 SCENE = {
@@ -105,17 +105,6 @@ def test_shipped_causes_are_several_scenes_that_differ_in_the_disturbance_alone(
             assert other.simulation.snr_db == scene.simulation.snr_db
             assert other.simulation.presses == scene.simulation.presses
             assert other.simulation.tags[0].clock_period_jitter_s == 0, name
-
-
-@pytest.mark.long
-def test_papers_method_measures_what_was_published_with_a_shipped_cause(tmp_path):
-    """The levels in causes.yaml are those at which this holds; other code must not change it."""
-    change = [*other_causes("distance_1m").values()][3]
-    wanted, error = published_phase_std(paper_figures()["distance_1m"]["distance_m"])
-    scene = with_cause(load_scene("distance_1m"), change)
-    with simulated(scene, tmp_path) as (recording, truth):
-        errors = paper_errors(scene, 0, paper_changes(recording, scene), truth, detrend=True)
-    assert errors["phase_rms_deg"] == pytest.approx(wanted, abs=error / 4)
 
 
 def test_papers_method_leaves_out_no_snapshots(tmp_path):

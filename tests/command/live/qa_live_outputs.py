@@ -2,19 +2,15 @@
 """MCAP, Foxglove, LSL and Parquet of a live run hold the readings of its file."""
 
 import json
-import math
 import os
 import signal
 import threading
+from datetime import datetime
 
 import numpy as np
-import pandas
 import pylsl
 import pytest
-from gnuradio.wiforce.io.network.lsl_outlets import CHANNELS
-from gnuradio.wiforce.io.readings import flag_bits
-from live_runs import GAINS, SLOW, free_ports, live, rows_of, scene_of, wait_until
-from mcap.reader import make_reader
+from live_runs import GAINS, SLOW, SLOW_GROUP_S, free_ports, live, rows_of, scene_of, wait_until
 from ros_clients import FoxgloveClient, bag_messages
 
 SENSOR = f"arm{os.getpid()}"  # the only one of this name that LSL finds on this machine
@@ -25,7 +21,7 @@ class LslRecorder:
     """Receives the samples of a stream until it ends."""
 
     def __init__(self, name):
-        self.samples, self.info, self.correction_s = [], None, None
+        self.samples, self.info = [], None
         self._name, self._ended = name, threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -38,7 +34,7 @@ class LslRecorder:
     def _run(self):
         streams = pylsl.resolve_byprop("name", self._name, timeout=300)
         inlet = pylsl.StreamInlet(streams[0], recover=False)
-        self.info, self.correction_s = inlet.info(), inlet.time_correction()
+        self.info = inlet.info()
         try:
             while not self._ended.is_set():
                 values, time_s = inlet.pull_sample(timeout=0.2)
@@ -46,35 +42,6 @@ class LslRecorder:
                     self.samples.append((time_s, values))
         except pylsl.util.LostError:
             pass  # the outlet is gone: all has been received
-
-
-def number(text):
-    return float(text) if text else math.nan
-
-
-def check_readings(messages, rows):
-    """PressReading messages against rows of the file."""
-    assert len(messages) == len(rows)
-    for message, row in zip(messages, rows, strict=True):
-        for name in ("time_s", "force_n", "force_std_n", "location_mm", "location_std_mm"):
-            assert np.array_equal(getattr(message, name), number(row[name]), equal_nan=True)
-        for name in ("phase1_deg", "phase2_deg", "snr_db", "interference"):
-            assert np.array_equal(getattr(message, name), number(row[name]), equal_nan=True)
-        assert message.touch == (int(row["touch"]) if row["touch"] else -1)
-        assert list(message.flags) == row["flags"].split()
-        assert message.flag_bits == flag_bits(tuple(message.flags))
-        assert (message.sensor, message.run) == (row["sensor"], row["run"])
-        assert message.group == int(row["group"])
-
-
-def check_wrenches(wrenches, rows):
-    """Wrench messages against rows of the file that are touched or not."""
-    assert len(wrenches) == len(rows)
-    for message, row in zip(wrenches, rows, strict=True):
-        force_n, place_mm = (number(row[name] or "0") for name in ("force_n", "location_mm"))
-        assert message.header.frame_id == SENSOR
-        assert message.wrench.force.z == -force_n
-        assert message.wrench.torque.y == pytest.approx(force_n * place_mm / 1000)
 
 
 @pytest.fixture(scope="module")
@@ -108,53 +75,23 @@ def test_live_outputs_all_hold_the_readings_of_the_file(scene, software_usrp, tm
     recorder.join()
     rows = rows_of(output)
     assert sum(row["touch"] == "1" for row in rows) > PRESSED
-    check_bag(bag, rows)
-    received = client.messages[f"/wiforce/{SENSOR}/reading"]
-    assert len(received) > len(rows) / 2
-    check_readings(received, rows[-len(received) :])
-    assert client.messages["/diagnostics"][-1].status[0].message == "ended: signal"
-    check_samples(recorder, rows)
-
-
-def check_bag(bag, rows):
-    """By rosbags and, of its index, by mcap."""
+    # What the messages hold is tested where they are made.
     topic, found = f"/wiforce/{SENSOR}", bag_messages(bag)
-    check_readings(found[f"{topic}/reading"], rows)
-    flagged = [row for row in rows if row["flags"]]
-    check_wrenches(found[f"{topic}/wrench"], [row for row in rows if not row["flags"]])
-    assert len(found[f"{topic}/wrench_doubtful"]) == len(flagged) > 0
-    stamps = [message.header.stamp for message in found[f"{topic}/reading"]]
-    utc = pandas.to_datetime([row["time_utc"] for row in rows]).astype("int64")
-    assert [each.sec * 10**9 + each.nanosec for each in stamps] == list(utc)
-    health = found["/diagnostics"]
-    assert health[-1].status[0].message == "ended: signal" and len(health) >= 2
-    with open(bag, "rb") as file:
-        reader = make_reader(file)
-        summary = reader.get_summary()
-        described = next(reader.iter_metadata()).metadata
-        assert reader.get_header().profile == "ros2"
-    assert summary.statistics.message_count == 2 * len(rows) + len(health)
-    assert SENSOR in described["wiforce:scene"] and SENSOR in described["wiforce:sensors"]
-
-
-def check_samples(recorder, rows):
-    """Samples of LSL: values, times and description."""
+    times = [float(row["time_s"]) for row in rows]
+    assert [message.time_s for message in found[f"{topic}/reading"]] == times
+    flagged = sum(bool(row["flags"]) for row in rows)
+    assert len(found[f"{topic}/wrench"]) == len(rows) - flagged
+    assert len(found[f"{topic}/wrench_doubtful"]) == flagged > 0
+    received = [message.time_s for message in client.messages[f"{topic}/reading"]]
+    assert len(received) > len(rows) / 2 and received == times[-len(received) :]
+    for messages in (found, client.messages):
+        assert messages["/diagnostics"][-1].status[0].message == "ended: signal"
     assert len(recorder.samples) > len(rows) / 2
-    rows = rows[-len(recorder.samples) :]
-    values = np.array([values for _, values in recorder.samples])
-    for index, (name, *_) in enumerate(CHANNELS):
-        column = [row[name] for row in rows]
-        if name == "flags":
-            expected = [flag_bits(tuple(text.split())) for text in column]
-        else:
-            expected = list(map(number, column))
-        assert np.array_equal(values[:, index], np.array(expected, float), equal_nan=True), name
-    utc = pandas.to_datetime([row["time_utc"] for row in rows]).astype("int64") / 1e9
-    offsets = np.array([time_s for time_s, _ in recorder.samples]) - np.array(utc)
+    channel = recorder.info.get_channel_labels().index("force_n")
+    force_n = [values[channel] for _, values in recorder.samples]
+    expected = [float(row["force_n"] or "nan") for row in rows[-len(force_n) :]]
+    assert np.array_equal(force_n, expected, equal_nan=True)
     # Both clocks are those of this machine, read one after the other.
-    assert np.ptp(offsets) < 1e-2 and abs(recorder.correction_s) < 0.1
-    info = recorder.info
-    assert info.get_channel_labels() == [name for name, *_ in CHANNELS]
-    assert info.get_channel_units() == [unit for _, unit, _ in CHANNELS]
-    assert info.nominal_srate() == pytest.approx(1 / 0.032)
-    assert SENSOR in info.desc().child("acquisition").child_value("scene")
+    utc_s = [datetime.fromisoformat(row["time_utc"]).timestamp() for row in rows[-len(force_n) :]]
+    assert np.ptp([time_s for time_s, _ in recorder.samples] - np.array(utc_s)) < 1e-2
+    assert recorder.info.nominal_srate() == pytest.approx(1 / SLOW_GROUP_S)
