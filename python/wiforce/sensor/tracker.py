@@ -40,16 +40,8 @@ class _PhaseCurves:
             np.log(forward.force_n[0]), np.log(forward.force_n[-1]), _FORCE_NODES
         )
         self._step = self._log[1] - self._log[0]
-        from scipy.interpolate import RectBivariateSpline  # for tracked presses only
-
-        logs = np.log(forward.force_n)
-        self._phase = np.stack(
-            [
-                RectBivariateSpline(logs, forward.location_mm, plane, s=0)(self._log, location_mm)
-                for plane in np.moveaxis(forward.phase_deg, -1, 0)
-            ],
-            axis=-1,
-        )
+        grid = np.broadcast_arrays(np.exp(self._log)[:, None], location_mm)
+        self._phase = forward.phases(*grid)
         self._columns = np.arange(len(location_mm))
         middle = np.full(len(location_mm), np.sqrt(forward.force_n[0] * forward.force_n[-1]))
         slope = np.gradient(self._phase[_FORCE_NODES // 2], location_mm, axis=0)
