@@ -192,7 +192,7 @@ class StreamWatch:
         period_s = self._plan.group_period_s
         self._next = group.index + max(1, round(_LOOKS_S / period_s))
         folded, former = group.folded[group.present], self._problem
-        self._level = level_problem(folded, self._plan.waveform.repetitions)
+        self._level = level_problem(folded)
         self._problem = self._level or snapshots_problem(folded, self._plan.waveform)
         time_s = group.index * period_s
         if not former:

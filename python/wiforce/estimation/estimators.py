@@ -203,8 +203,6 @@ class RatioUnfolder:
     """Converts ratios to changes: adds up steps, of magnitude 1; nearest roots of squares."""
 
     def __init__(self, ratios: str) -> None:
-        if ratios not in ("change", "step", "square"):
-            raise InputError("ratios", "must be 'change', 'step' or 'square'", ratios)
         self._ratios = ratios
         self._last: Array | None = None
 

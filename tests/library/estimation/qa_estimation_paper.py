@@ -100,5 +100,3 @@ def test_unfolder_square_root_stays_on_the_side_of_the_previous_group():
 def test_estimator_with_unknown_name_is_refused():
     with pytest.raises(InputError, match="estimator: must be one of harmonic, sideband, paper"):
         estimator_named("music")
-    with pytest.raises(InputError, match="ratios"):
-        RatioUnfolder("cube")

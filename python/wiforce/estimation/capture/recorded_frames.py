@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...io.capture.recordings import Capture
-from ...io.capture.samples import FULL_SCALE, plausible_share
+from ...io.capture.samples import plausible_share
 from ...signal.waveform import WAVEFORMS, Waveform, sounding_waveform
 from ..groups import Array
 from .frame import (
@@ -205,8 +205,8 @@ _COHERENT, _FEWEST = 3.0, 16
 _CLEAR, _SHORT_PATHS = 20.0, 0.7
 
 
-def level_problem(samples: Array, averaged: int = 1) -> str:
-    """Improbable values of samples of full scale 1, or of means of so many; empty otherwise."""
+def level_problem(samples: Array) -> str:
+    """Improbable values of samples of full scale 1; empty otherwise."""
     samples = np.ascontiguousarray(samples, np.complex64).ravel()
     if not len(samples):
         return ""
@@ -223,14 +223,10 @@ def level_problem(samples: Array, averaged: int = 1) -> str:
         return "all samples are 0; check that the source delivers a signal"
     level = 10 * math.log10(power)
     if level > _MOST_DBFS:
-        sums = averaged * finite.view(np.float32)
-        if np.abs(sums).max() > averaged * FULL_SCALE:
-            change = "check the type of the source, and the input type"
-        elif np.allclose(sums, np.rint(sums)):
-            change = "divide integers of 16 bits by 32768, or use the type sc16"
-        else:
-            change = "lower the level"
-        return f"the samples have {level:.0f} dBFS, full scale being 1; {change}"
+        return (
+            f"the samples have {level:.0f} dBFS, full scale being 1; lower the level, or divide "
+            "integers of 16 bits by 32768"
+        )
     if level < _LEAST_DBFS:
         return (
             f"the samples have {level:.0f} dBFS, less than the noise of a converter; check the "

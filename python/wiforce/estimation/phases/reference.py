@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...errors import InputError
 from ...signal.waveform import Waveform
 from ...wiforce_kernels import conjugate_difference, profile_check, subcarrier_average
 from ..groups import Array, Groups
@@ -127,10 +126,6 @@ class ConjugateDifference:
         against: str = "untouched",
         waveform: Waveform | None = None,
     ) -> None:
-        if against not in ("untouched", "previous"):
-            raise InputError("against", "must be 'untouched' or 'previous'", against)
-        if reference_groups < 1:
-            raise InputError("reference_groups", "must be at least 1", reference_groups)
         self.reference_groups = reference_groups
         self._against_previous = against == "previous"
         self._ends = ends
