@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 
 namespace gr::wiforce::kernel {
 
@@ -41,32 +40,6 @@ bool compact(const press_fit::press& mode, const press_fit::press& mean)
 
 // Up to this step of z a polynomial serves for the likelihood, to 1e-4 of it.
 constexpr double small_step = 1.0;
-
-// exp(-z^2 / 2) at `count` places, to 1e-9 of itself; in a form that compilers vectorise.
-[[gnu::always_inline]] inline void
-densities(const double* z, std::size_t count, double* density)
-{
-    constexpr double to_binary = -0.5 * 1.4426950408889634; // log2(e)
-    constexpr double lowest = -1000.0;                      // exponent of 2
-    for (std::size_t k = 0; k < count; k++) {
-        const double exponent = std::max(to_binary * z[k] * z[k], lowest);
-        const auto halvings = static_cast<std::int32_t>(0.5 - exponent);
-        const double x = (exponent + halvings) * 0.6931471805599453; // ln 2
-        // Taylor: |x| < 0.35
-        double e = x * (1.0 / 40320) + 1.0 / 5040;
-        e = e * x + 1.0 / 720;
-        e = e * x + 1.0 / 120;
-        e = e * x + 1.0 / 24;
-        e = e * x + 1.0 / 6;
-        e = e * x + 0.5;
-        e = e * x + 1;
-        e = e * x + 1;
-        const auto bits = static_cast<std::uint64_t>(1023 - halvings) << 52;
-        double power;
-        std::memcpy(&power, &bits, sizeof power);
-        density[k] = e * power;
-    }
-}
 
 // The integral of exp(-z^2 / 2) from 0.
 double cumulated(double z) { return std::sqrt(M_PI / 2) * std::erf(std::sqrt(0.5) * z); }
@@ -251,7 +224,8 @@ void press_posterior::integrate(workspace& work) const
         work.z[count + s] = smaller * segments[s].z_to;
         work.z[2 * count + s] = smaller * std::sqrt(segments[s].rest);
     }
-    densities(work.z.data(), 3 * count, work.density.data());
+    for (std::size_t i = 0; i < 3 * count; i++)
+        work.density[i] = std::exp(-0.5 * work.z[i] * work.z[i]);
     for (std::size_t s = 0; s < count; s++) {
         const double a = work.z[s], b = work.z[count + s];
         const double at_a = work.density[s], at_b = work.density[count + s];
