@@ -36,22 +36,6 @@ def test_package_name_means_the_block_after_its_module_was_imported():
     subprocess.run([sys.executable, "-c", code], check=True, timeout=300)
 
 
-@pytest.mark.parametrize("estimator", ["harmonic", "paper", "sideband"])
-@pytest.mark.parametrize("clocks_hz", [[1000.0], [1000.0, 1400.0]], ids=str)
-def test_plan_sets_the_sizes_of_the_separation_and_the_blocks_before(estimator, clocks_hz):
-    sensors = [
-        {"name": f"s{i}", "model": "line-900mhz", "clock_hz": f} for i, f in enumerate(clocks_hz)
-    ]
-    plan = wiforce.plan({"sensors": sensors}, snapshots=250, estimator=estimator)
-    rows = len(plan.table.tones)
-    assert plan.estimator == estimator
-    assert plan.table.weights.shape == (rows, 250)
-    assert plan.table.derotation(plan.waveform.sample_rate_hz).shape == (rows, 64)
-    separation = wiforce.end_separation(plan)
-    assert separation.input_signature().sizeof_stream_item(0) == 8 * 64 * rows
-    assert separation.output_signature().sizeof_stream_item(0) == 8 * 64 * 2 * len(clocks_hz)
-
-
 def test_scene_unknown_name_is_refused_with_the_nearest_one():
     with pytest.raises(InputError, match="scene: must be .* mean 'demo'.* got 'dome'"):
         load_scene("dome")

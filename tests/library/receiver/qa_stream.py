@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from chain_runs import assert_equal_readings, readings_of_reader
 from gnuradio import wiforce
-from gnuradio.wiforce.calibration.calibrate import calibrate
-from gnuradio.wiforce.calibration.tables import read_vna_csv
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.folded_groups import Slips, SnapshotGroup, frame_settings
 from gnuradio.wiforce.io.capture import open_capture
@@ -17,12 +15,10 @@ from gnuradio.wiforce.press.sensor_state import RETUNED
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.receiver.stream import StreamReader
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.sensor import write_sensor
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.wiforce_kernels import folded_reader, interference_screen
 from long_cases import cases
 from press_capture import DEFAULT, array_source, run_flowgraph
-from second_simulator import Line, Tag, write_vna
 
 # A quarter of the usual rate costs a quarter of the time.
 GROUP_S = 320 * 320 / 3.2e6
@@ -196,8 +192,9 @@ def test_stream_tare_that_changes_the_weights_is_believed(groups):
     reader = StreamReader(wiforce.plan(SCENE))
     for group in groups["quiet"][:TARE]:
         reader.process([group])
-    (name,) = reader._receiver.states
-    reader._receiver.states[name].retuned = True
+    receiver = reader._receiver
+    ((name, state),) = receiver.states.items()
+    state.retuned = True
     assert reader.reference_problem(name) == RETUNED
     before = reader.plan
     reader.tares.request()
@@ -205,6 +202,8 @@ def test_stream_tare_that_changes_the_weights_is_believed(groups):
         reader.process([group])
     assert reader.plan is not before and reader.tares.state.state == "complete"
     assert reader.reference_problem(name) == ""
+    # Another receiver knows what presses have shown before, as ends that are swapped.
+    assert reader._receiver is not receiver and reader._receiver.states[name] is state
 
 
 @pytest.mark.parametrize("force, ends", [(False, "failed"), (True, "complete")])
@@ -325,59 +324,6 @@ def test_stream_doubtful_reference_is_not_replaced_by_pressed_phases(held, how):
     pressed = [r for r in readings if 24 <= r.group < 103]
     assert len(pressed) == 79
     assert [r.group for r in pressed if r.touch == 0 and not r.flags] == []
-
-
-@pytest.fixture(scope="module")
-def exchanged(tmp_path_factory):
-    """A sensor whose ends are swapped: its readings, and the groups that exchange the plan.
-
-    Lamps are switched on after two presses; a third one begins as the survey of them ends.
-    """
-    folder = tmp_path_factory.mktemp("swapped")
-    for name, swapped in (("stated", False), ("present", True)):
-        table = folder / f"{name}.csv"
-        write_vna(Tag(line=Line(lean=0.2, swapped=swapped)), table, np.random.default_rng(1))
-        write_sensor(calibrate(read_vna_csv(table), "finger"), folder / f"{name}.yaml")
-    stated, present = (
-        {**SCENE, "sensors": [{**SCENE["sensors"][0], "model": str(folder / f"{name}.yaml")}]}
-        for name in ("stated", "present")
-    )
-    columns = "start_s", "rise_s", "hold_s", "force_n", "location_mm"
-    presses = [
-        dict(zip(columns, press, strict=True))
-        for press in (
-            (0.6, 0.3, 0.05, 6.0, 33.0),
-            (1.35, 0.3, 0.05, 6.0, 54.0),
-            (2.468, 0.02, 0.4, 6.0, 33.0),
-        )
-    ]
-    settings = SCENE["simulation"] | {"presses": presses, "duration_s": 3.2}
-    received = []
-    for name, effects in (("quiet", {}), ("busy", ROOM)):
-        simulate(load_scene(present | {"simulation": settings | effects}), folder / name)
-        received += collected(folder / name)[len(received) : 66 if name == "quiet" else None]
-    reader, readings, plans = stream(wiforce.plan(stated), received, again_s=0.25)
-    changes = [g for g in range(1, len(plans)) if plans[g] is not plans[g - 1]]
-    return reader, readings, changes
-
-
-def test_stream_swapped_ends_stay_known_where_weights_are_exchanged_in_a_press(exchanged):
-    """What two presses showed is known of the third one, which another receiver reads."""
-    reader, readings, changes = exchanged
-    assert changes == [77] and readings[77].touch == 1
-    assert [each.kind for each in reader.suspicions()["arm"]] == ["swapped ends"]
-    assert [r.touch for r in readings[78:90]] == [1] * 12
-    assert all("inconsistent" in r.flags for r in readings[77:91])
-    assert not any("inconsistent" in r.flags for r in readings[50:62])
-
-
-def test_stream_press_that_begins_as_weights_are_exchanged_moves_no_line(exchanged):
-    """Other weights see another mixture in its first group: all later phases were .3 deg off."""
-    _, readings, _ = exchanged
-    before, after = (
-        np.mean([r.phase2_deg for r in part]) for part in (readings[62:76], readings[92:])
-    )
-    assert after == pytest.approx(before, abs=0.15)
 
 
 def test_stream_room_is_not_surveyed_across_lost_groups(groups):
