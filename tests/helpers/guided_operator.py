@@ -93,17 +93,7 @@ class GuidedOperator:
             force_n *= 1 + _HAND_PART * self._rng.uniform(-1, 1)
             self.type(f"{self.press(force_n, location_mm):.2f}")
 
-    def follow(self, prompts=None):
-        """Answer prompts until the command ends, or this many; the last prompt."""
-        prompt = self.prompt()
-        while prompt is not None and prompts != 0:
+    def follow(self):
+        """Answer prompts until the command ends."""
+        while (prompt := self.prompt()) is not None:
             self.answer(prompt)
-            prompts = None if prompts is None else prompts - 1
-            prompt = self.prompt()
-        return prompt
-
-    def finish(self):
-        """Exit status of the command, which shows the rest meanwhile."""
-        while data := self.process.stdout.read(4096):
-            self.shown += data.decode()
-        return self.process.wait()

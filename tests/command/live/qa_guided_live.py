@@ -2,7 +2,6 @@
 """A guided calibration at the software N210, by a scripted person, against one with a VNA."""
 
 import json
-import signal
 
 import numpy as np
 import pytest
@@ -55,14 +54,10 @@ class Bench:
 
 
 class Calibrated:
-    """A guided calibration that was killed once and continued."""
+    """A guided calibration."""
 
     def __init__(self, bench, folder):
         self.true, self.sensor = bench.true, folder / "arm.yaml"
-        with bench.person(self.sensor) as person:
-            person.follow(prompts=4)
-            person.process.send_signal(signal.SIGKILL)
-            person.finish()
         with bench.person(self.sensor, seed=2) as person:
             person.follow()
 
