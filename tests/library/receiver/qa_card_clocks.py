@@ -72,7 +72,7 @@ def test_clock_that_steps_back_is_a_gap_and_readings_go_on(tmp_path):
     """The file was refused; an Intel 5300 does this within 90 s. The 30 s that are assumed there
     made packets every millisecond come every 5 ms on average.
     """
-    capture = capture_of(35, duration_s=7.0, touched_s=(2.5, 7.0), clock_back_s=3.5)
+    capture = capture_of(35, duration_s=5.5, touched_s=(2.5, 5.5), clock_back_s=3.5)
     capture.save(tmp_path / "p.npz")
     recording = open_snapshots(tmp_path / "p.npz")
     assert recording.clock_steps == 1 and recording.span_s > 35
@@ -80,7 +80,7 @@ def test_clock_that_steps_back_is_a_gap_and_readings_go_on(tmp_path):
         readings = wiforce.read(tmp_path / "p.npz", scene_of())
     said = " ".join(str(each.message) for each in said)
     assert "stepped back once" in said and "packets come every" not in said
-    later = readings[readings["time_s"] > 35.0]
+    later = readings[readings["time_s"] > 34.5]
     read = later[later["touch"] == 1]
-    assert len(read) > 0.5 * len(later) > 3 and (read["force_std_n"] < 2).all()
+    assert len(read) >= 3 and len(later) == 4 and (read["force_std_n"] < 2).all()
     assert (np.abs(read["force_n"] - FORCE_N) < 4 * read["force_std_n"]).all()
