@@ -125,7 +125,7 @@ def _print_frequency(frequency, scores):
     click.echo(f"{frequency / 1e6:g} MHz, {presses} published wireless presses of trials 1 to 3")
     click.echo(f"paper, own test set: median {force:.2f} N, {location:.2f} mm")
     click.echo(f"curves chosen by cross-validation on the VNA data: {scores.form.iloc[0]}")
-    click.echo("errors: median (95 % interval), 90th percentile")
+    click.echo("errors: median, 90th percentile")
     click.echo()
     away = f"not {published.UNOBSERVABLE_MM:g} mm"
     rows = []
@@ -144,18 +144,16 @@ def _errors(scores):
     """Cells of a method's readings."""
     force, location = published.errors(scores)
     known = scores.method.iloc[0] == "location known"
-    presses = [scores.trial, scores.location_mm]
     return {
-        "force": _distribution(force, presses),
-        "location": "known" if known else _distribution(location, presses),
+        "force": _distribution(force),
+        "location": "known" if known else _distribution(location),
         "n": len(scores),
         "within": np.mean(force <= 2 * scores.force_std_n),
     }
 
 
-def _distribution(errors, presses):
-    low, high = published.bootstrap_median([own for _, own in errors.groupby(presses)])
-    return f"{errors.median():.2f} ({low:.2f}-{high:.2f}), {errors.quantile(0.9):.2f}"
+def _distribution(errors):
+    return f"{errors.median():.2f}, {errors.quantile(0.9):.2f}"
 
 
 def _run(task):

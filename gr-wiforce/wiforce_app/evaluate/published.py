@@ -51,7 +51,6 @@ ONSET_FORCE_N = 0.9
 _WALK_N_PER_READING = 0.5
 # Where the published offsets make both phases move alike with force and with location.
 UNOBSERVABLE_MM = 40.0
-_RESAMPLES = 1000
 
 # Median errors claimed by the paper, on a test set of its own: force (N), location (mm).
 CLAIMS = {900e6: (0.56, 0.86), 2400e6: (0.34, 0.59)}
@@ -148,15 +147,3 @@ def errors(scores):
     """Absolute errors of force and location of some rows of `score_presses`."""
     force = (scores.estimated_force_n - scores.force_n).abs()
     return force, (scores.estimated_location_mm - scores.location_mm).abs()
-
-
-def bootstrap_median(errors):
-    """95 % interval of the pooled median: presses drawn, then readings within each."""
-    rng = np.random.default_rng(1)
-    medians = []
-    for _ in range(_RESAMPLES):
-        drawn = rng.integers(len(errors), size=len(errors))
-        parts = [rng.choice(errors[i], size=len(errors[i])) for i in drawn]
-        medians.append(np.median(np.concatenate(parts)))
-    low, high = np.quantile(medians, [0.025, 0.975])
-    return float(low), float(high)
