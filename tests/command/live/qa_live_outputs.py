@@ -4,6 +4,7 @@
 import json
 import os
 import signal
+import socket
 import threading
 from datetime import datetime
 
@@ -53,12 +54,19 @@ def scene(tmp_path_factory):
     return path
 
 
-def test_live_outputs_all_hold_the_readings_of_the_file(scene, software_usrp, tmp_path):
-    """The run is ended by SIGTERM, as a service manager does."""
+def test_live_outputs_all_hold_the_readings_of_the_file(
+    scene, software_usrp, tmp_path, monkeypatch
+):
+    """The run is ended by SIGTERM, as a service manager does, which is told of it."""
     device, (foxglove,) = software_usrp(scene), free_ports(1)
     output, bag = tmp_path / "out.csv", tmp_path / "out.mcap"
     options = [*GAINS, "-o", output, "--mcap", bag, "--foxglove", foxglove, "--lsl"]
     pylsl.set_config_content("[multicast]\nResolveScope = machine\n[log]\nlevel = -2\n")
+
+    systemd = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    systemd.bind(str(tmp_path / "notify"))
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+    monkeypatch.setenv("WATCHDOG_USEC", "60000000")
 
     def pressed():
         return output.exists() and sum(row["touch"] == "1" for row in rows_of(output))
@@ -71,6 +79,9 @@ def test_live_outputs_all_hold_the_readings_of_the_file(scene, software_usrp, tm
         process.send_signal(signal.SIGTERM)
         _, said = process.communicate(timeout=300)
     assert process.returncode == 0, said
+    told = [systemd.recv(4096) for _ in range(3)]
+    assert told[:2] == [b"WATCHDOG=1", b"READY=1"] and told[2] in (b"WATCHDOG=1", b"STOPPING=1")
+    systemd.close()
     client.join()
     recorder.join()
     rows = rows_of(output)

@@ -5,7 +5,6 @@ import fcntl
 import json
 import os
 import signal
-import socket
 import time
 from datetime import datetime
 from pathlib import Path
@@ -92,20 +91,6 @@ def test_live_driver_killed_is_started_again(slow_scene, slow_device, tmp_path):
         _, said = process.communicate(timeout=300)
     assert process.returncode == 0 and said.count("SIGKILL") == 1
     check_times(rows_of(output), 1)
-
-
-def test_live_reports_to_systemd(slow_scene, slow_device, tmp_path, monkeypatch):
-    messages = []
-    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
-    monkeypatch.setenv("WATCHDOG_USEC", "400000")
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
-        systemd.bind(str(tmp_path / "notify"))
-        with live(slow_device.args, slow_scene, *GAINS, "--duration", 0.6) as process:
-            while "STOPPING=1" not in messages:
-                messages.append(systemd.recv(4096).decode())
-            process.communicate(timeout=300)
-    assert process.returncode == 0
-    assert messages.count("READY=1") == 1 and "WATCHDOG=1" in messages
 
 
 @pytest.mark.long
