@@ -142,20 +142,13 @@ def wrong_clocks(survey: Survey | None, plan: Plan) -> dict[str, str]:
     return {name: wrong for name, wrong in found.items() if wrong}
 
 
-# Regions of raised noise: at least so many bins of the survey, apart by so many line widths.
-_LEAST_BINS = 4
-_APART = 3.0
-# At most so many of them, and so many single lines, are reported, the strongest first.
-_MOST_REGIONS = 4
+# At most so many single lines are reported, the strongest first.
 _MOST_LINES = 12
-# Lines of lamps up to this order are recognised where the drift of the mains has widened them.
-_LAMP_ORDERS, _LAMP_WIDTH_HZ = 200, 20.0
 # So many slow lines are the blades of something that turns.
 _BLADES = 3
 # Hum is at the frequency of the mains within the survey's accuracy and their drift.
 _HUM_HZ = 0.6
 _ENTERS = "it enters the standard deviations"
-_BROAD = "noise of a tag's clock, a path that moves fast, or another transmitter"
 _SPURIOUS = "an unknown source: a power supply, another reader or a spurious oscillation"
 
 
@@ -163,14 +156,10 @@ _SPURIOUS = "an unknown source: a power supply, another reader or a spurious osc
 class Finding:
     """Something that a survey has found."""
 
-    # ``clutter`` (something moves), ``lamps``, ``tag``, ``ripple``, ``noise`` (a region of raised
-    # noise) or ``line``
-    kind: str
-    # Highest one of clutter, mains of lamps, clock of a tag, ripple or line, middle of a region of
-    # noise.
-    frequency_hz: float
-    # Power per sign of the frequency relative to :func:`level_reference`: of all clutter, of a
-    # source's strongest line, or of all noise of a region.
+    kind: str  # ``clutter`` (something moves), ``lamps``, ``tag``, ``ripple`` or ``line``
+    frequency_hz: float  # highest one of clutter, mains of lamps, clock of a tag, ripple or line
+    # Power per sign of the frequency relative to :func:`level_reference`: of all clutter, or of a
+    # source's strongest line.
     level_db: float
     meaning: str  # what it probably is
     handling: str  # what the plan does about it
@@ -195,7 +184,6 @@ class Finding:
             "lamps": f"lamps on {hertz} mains",
             "tag": f"tag with a clock of {hertz}",
             "ripple": f"ripple at {hertz}",
-            "noise": f"noise around {self.frequency_hz:.0f} Hz",
             "line": f"line at {self.frequency_hz:.1f} Hz",
         }[self.kind]
 
@@ -212,7 +200,7 @@ def findings(survey: Survey | None, plan: Plan, adapted: Plan) -> list[Finding]:
     if survey is None:
         return []
     report = _Report(survey, plan, adapted)
-    return [*report.clutter(), *report.sources(), *report.regions()]
+    return [*report.clutter(), *report.sources()]
 
 
 def _names(plan: Plan) -> list[str]:
@@ -295,7 +283,7 @@ class _Report:
                 yield self._finding(source, sources)
 
     def _finding(self, source: Source, others: Sequence[Source]) -> Finding:
-        handling, matters = self._handling((*source.lines, *source.masked), source)
+        handling, matters = self._handling(source)
         if matters and not self._is_solved(source):
             handling += self._clashes(source, others)
         hertz, hum = source.fundamental_hz, "probably hum of a power supply"
@@ -316,15 +304,14 @@ class _Report:
             clock.clock_hz == source.fundamental_hz for clock in self._adapted.others
         )
 
-    def _handling(
-        self, lines: Sequence[RoomLine], source: Source | None = None
-    ) -> tuple[str, bool]:
-        """What the plan does about lines, perhaps of a source, and whether it matters."""
-        if source is not None and self._is_solved(source):
+    def _handling(self, source: Source) -> tuple[str, bool]:
+        """What the plan does about a source, and whether it matters."""
+        lines = (*source.lines, *source.masked)
+        if self._is_solved(source):
             return "solved for, like the scene's own tags", True
         if all(line.frequency_hz <= self._adapted.clutter_hz for line in lines):
             return f"rejected by the weights up to {self._adapted.clutter_hz:.0f} Hz", False
-        weight = 1 if source is None else self._survey.weight(source, self._plan.group_length)
+        weight = self._survey.weight(source, self._plan.group_length)
         if weight * added_noise(self._table, lines).max() < NEGLIGIBLE:
             return "does not reach the lines of the tags", False
         if self._adapted.room is not None:
@@ -362,35 +349,6 @@ class _Report:
 
     def _seen_hz(self, hertz: float) -> float:
         return abs(aliased_hz(hertz, 1 / self._survey.snapshot_period_s))
-
-    def regions(self) -> Iterator[Finding]:
-        """Broad noise outside the clutter around zero."""
-        survey = self._survey
-        above = np.flatnonzero(
-            (survey.excess > 0) & (survey.frequency_hz > self._moving_hz + survey.resolution_hz)
-        )
-        step_hz = float(survey.frequency_hz[1])
-        gaps = np.flatnonzero(np.diff(above) * step_hz > _APART * survey.resolution_hz)
-        regions = [rows for rows in np.split(above, gaps + 1) if len(rows) >= _LEAST_BINS]
-        regions = [rows for rows in regions if not self._is_lamps(survey.frequency_hz[rows])]
-        regions.sort(key=lambda rows: -survey.excess[rows].sum())
-        for rows in regions[:_MOST_REGIONS]:
-            hertz, power = survey.frequency_hz[rows], survey.excess[rows]
-            lines = [RoomLine(float(f), float(p)) for f, p in zip(hertz, power, strict=True)]
-            middle_hz = float(hertz @ power / power.sum())
-            level_db = self._db(float(power.sum()))
-            ends_hz = float(hertz[0]), float(hertz[-1])
-            yield Finding("noise", middle_hz, level_db, _BROAD, *self._handling(lines), ends_hz)
-
-    def _is_lamps(self, hertz: np.ndarray) -> bool:
-        """Whether a region is a line of lamps that were found, widened by the drifting mains."""
-        return any(
-            np.ptp(hertz) < 2 * _LAMP_WIDTH_HZ
-            and abs(hertz.mean() - self._seen_hz(order * source.fundamental_hz)) < _LAMP_WIDTH_HZ
-            for source in self._survey.sources
-            if source.kind == "lamps"
-            for order in range(1, _LAMP_ORDERS)
-        )
 
 
 def findings_text(found: Sequence[Finding]) -> list[str]:
