@@ -15,7 +15,7 @@ from ..sensor.model import SensorModel
 from ..signal.carrier import same_carrier
 from .data import CarrierData, ContactCurve
 from .fit import CurveFitter
-from .wrong_entries import contradictions, wrong_location_text
+from .wrong_entries import contradictions
 
 # Blocks of neighbouring forces that are left out in turn: four of the six lie inside.
 _BLOCKS = 6
@@ -211,19 +211,6 @@ def calibration_warnings(model: CurveModel) -> list[str]:
     ]
 
 
-def location_warnings(model: CurveModel, index: int = 0) -> list[str]:
-    """Locations of a carrier that the others contradict, as a wrong mark of a ruler makes them."""
-    frequency_hz = model.carriers[index].frequency_hz
-    slope = line.round_trip_deg_per_mm(frequency_hz, model.permittivity)
-    wrong = _rows_at(model, "wrong", frequency_hz)
-    return [wrong_location_text(row) for row in wrong] or [
-        f"location {row['location_mm']:g} mm does not fit the others: port {row['port']} is "
-        f"{row['rms_deg']:.1f} deg, {row['rms_deg'] / slope:.1f} mm of line, from what they say "
-        f"({row['expected_deg']:.1f} deg expected); was the ruler right there and beside it?"
-        for row in contradictions(_rows_at(model, "locations", frequency_hz))
-    ]
-
-
 def _warnings(model: CurveModel, index: int) -> Iterator[str]:
     carrier = model.carriers[index]
     places, spans = carrier.location_mm, carrier.force_span_n
@@ -243,7 +230,14 @@ def _warnings(model: CurveModel, index: int) -> Iterator[str]:
             f"{model.onset_force_n:.3g} N are the least that did elsewhere: was each force as "
             "stated?"
         )
-    yield from location_warnings(model, index)
+    if not _rows_at(model, "wrong", carrier.frequency_hz):  # which are suspicions
+        for row in contradictions(_rows_at(model, "locations", carrier.frequency_hz)):
+            yield (
+                f"location {row['location_mm']:g} mm does not fit the others: port {row['port']} "
+                f"is {row['rms_deg']:.1f} deg, {row['rms_deg'] / slope:.1f} mm of line, from what "
+                f"they say ({row['expected_deg']:.1f} deg expected); was the ruler right there and "
+                "beside it?"
+            )
     middle_n = np.mean(model.force_span_n)
     steps = np.diff(model.short_deg(np.full(len(places), middle_n), places, index), axis=0)
     worst = np.abs(steps / slope - np.outer(np.diff(places), [-1, 1])).max()

@@ -110,6 +110,19 @@ def test_readings_are_inverted_again_without_taking_their_location_as_known(fold
     assert [float(row["location_std_mm"]) for row in rows[1:]] == [0, 0]
 
 
+def test_taps_refine_a_sensor(folder, line, tmp_path):
+    rows = [(*line.phases_deg(4.0, place), 4.0, place) for place in (25.0, 40.0, 55.0)]
+    header = "phase1_deg,phase2_deg,force_n,location_mm"
+    np.savetxt(tmp_path / "t.csv", rows, delimiter=",", header=header, comments="")
+    made, given = tmp_path / "refined.yaml", ("--refine", folder / "s.yaml")
+    succeeded("calibrate", tmp_path / "t.csv", *given, "--frequency-hz", "900e6", "-o", made)
+    assert (
+        load_sensor(made)
+        .provenance["source"]
+        .endswith("refined by taps of " + str(tmp_path / "t.csv"))
+    )
+
+
 def test_a_table_that_does_not_state_its_carrier_needs_the_option(tmp_path):
     (tmp_path / "t.csv").write_text("phase1_deg,phase2_deg,force_n,location_mm\n1,2,3,40\n")
     said = refused("calibrate", tmp_path / "t.csv", "-o", tmp_path / "s.yaml")

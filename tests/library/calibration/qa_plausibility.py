@@ -245,7 +245,6 @@ def test_exchanged_sweeps_are_a_suspicion(name, places, port):
     said = "locations {:g} and {:g} mm{} would fit the others exchanged".format(*places, where)
     (found,) = model.provenance["suspicions"]
     assert found == f"{said}: were their presses exchanged?"
-    assert any(text.endswith(found) for text in calibration_warnings(model))
 
 
 @pytest.mark.parametrize("form, port, place", [("cubic", 1, 20.0), ("spline", 2, 60.0)])

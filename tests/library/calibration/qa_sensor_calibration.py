@@ -334,6 +334,9 @@ def test_taps_bring_a_bench_model_to_what_the_air_shows(tmp_path, own_table):
     # scatter of Student-t noise of scale 0.5 and four degrees of freedom
     assert 0.3 < min(refined.noise_deg()) and max(refined.noise_deg()) < 1.0
     assert "refined by taps" in refined.provenance["source"]
+    # What a transfer between carriers leaves open is less than what taps may change.
+    moved = replace(bench, transfer_std_deg=1.0, transferred_from_hz=915e6)
+    assert refine(moved, read_tap_csv(path, 900e6)).transfer_std_deg is None
 
 
 def test_taps_outside_the_model_are_refused(tmp_path, own_table):

@@ -12,7 +12,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.planning.advice import warnings
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.sensor import load_sensor, write_sensor
+from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.sensor.line import transfer_std_deg
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from long_cases import cases
@@ -141,36 +141,6 @@ def test_transfer_there_and_back_is_the_calibration():
     assert back.phases_deg(4.0, 33.0) == pytest.approx(bench.phases_deg(4.0, 33.0))
 
 
-def test_taps_at_new_carrier_replace_transfer_uncertainty(tmp_path):
-    """Some taps over the air are what users without a VNA at their carrier can measure."""
-    rng = np.random.default_rng(7)
-    sensor = Connected(LAWS[0], 0.07, ((12.0, 18.0), (9.0, 15.0)))
-    bench = calibrated(sensor, 900e6, tmp_path, rng)
-    moved = bench.at_carrier(915e6)
-
-    def seen(force, location):
-        change = sensor.phases_deg(force, location, 915e6) - sensor.untouched_deg(915e6)
-        return wrap_deg(moved.untouched_deg() + change + 0.1 * rng.standard_normal(change.shape))
-
-    force, location = (x.ravel() for x in np.meshgrid([1.2, 2.0, 4.0, 7.0], [20, 30, 40, 50, 60]))
-    rows = np.column_stack([seen(force, location), force, location])
-    path = tmp_path / "taps.csv"
-    header = "phase1_deg,phase2_deg,force_n,location_mm"
-    np.savetxt(path, rows, delimiter=",", header=header, comments="")
-    succeeded(
-        *("calibrate", path, "--refine", sensor_file(bench, tmp_path), "--frequency-hz", "915e6"),
-        *("-o", tmp_path / "refined.yaml"),
-    )
-    refined = load_sensor(tmp_path / "refined.yaml")
-    assert refined.transfer_std_deg is None and refined.frequencies_hz == (915e6,)
-    force, location = rng.uniform(1.5, 6.5, 40), rng.uniform(22, 58, 40)
-    before, after = (model.invert(seen(force, location), 0.1) for model in (moved, refined))
-    errors = [np.median(np.abs(found.force_n - force)) for found in (before, after)]
-    assert errors[1] < 0.5 * errors[0]
-    assert np.median(after.force_std_n) < 0.7 * np.median(before.force_std_n)
-    assert np.mean(np.abs(after.force_n - force) < 2 * after.force_std_n) >= 0.85
-
-
 def test_transfer_beyond_a_tenth_is_refused():
     """At twice the carrier, a calibration says nothing about connectors."""
     for name in ("wiforce-900mhz", "line-900mhz"):
@@ -188,11 +158,6 @@ def test_scene_transfers_its_models_and_plan_says_so():
     assert model.model_std_deg(4.0, 33.0) == pytest.approx(
         np.hypot(915 / 900 * load_sensor("wiforce-900mhz").model_std_deg(4.0, 33.0), 0.55), rel=0.01
     )
-
-
-def sensor_file(model, folder):
-    write_sensor(model, folder / "bench.yaml")
-    return folder / "bench.yaml"
 
 
 def test_command_transfer_writes_sensor_that_scenes_load(tmp_path):

@@ -62,7 +62,7 @@ def edges_ns(steps, prescaler, folder):
     return {key: np.array(times) for key, times in found.items()}
 
 
-@pytest.mark.parametrize("clock_hz", [1000.0, 1035.0, 139.0, 50.0])
+@pytest.mark.parametrize("clock_hz", [1035.0, 139.0])
 def test_edges_lie_within_50_ns_of_the_planned_pulses(clock_hz, tmp_path):
     """Clock 1 is high for |t| < Ts/8, clock 2 for Ts/16 around +-Ts/4; never both together."""
     timer = tag_timer(clock_hz)
