@@ -316,7 +316,8 @@ void press_filter::part_turn(explanation& to,
     const double turned = by_turn * ((b - ab) * first + (a - ab) * second) / determinant,
                  doubt = by_turn - squared(by_turn) * (a + b - 2 * ab) / determinant;
     to.line.common.turn(expected + turned);
-    to.line.common.widen(std::max(doubt, 0.0));
+    to.line.common.widen(std::max(doubt, 0.0) *
+                         std::max(d_set.steady_s / d_elapsed_s, 1.0));
     to.turn.velocity += 0.3 * turned / d_elapsed_s;
 }
 
