@@ -295,7 +295,8 @@ void press_filter::change_steadily(const explanation& from,
 }
 
 // While the tag turns and the force changes: both phases are moved by the turn alike, and
-// by the force in the direction of the press. In the middle of the line that is the same.
+// by the force in the direction of the press. In the middle of the line that is the same;
+// by what they are told apart wrongly, they are for as long as both last.
 void press_filter::part_turn(explanation& to,
                              const pair_of_ends& was,
                              const pair_of_ends& direction) const
@@ -306,8 +307,8 @@ void press_filter::part_turn(explanation& to,
     const double by_turn = squared(turning_speed(to.turn.speed) * d_elapsed_s),
                  by_force = squared(speeds[to.press.speed] * d_elapsed_s),
                  noise = d_noise.first / 100;
-    // What slides moves both in any direction, which only amplitudes tell from a turn.
-    const double across = to.press.slides && shows_turns(to) ? by_force : 0;
+    // What slides moves both in any direction.
+    const double across = to.press.slides ? by_force : 0;
     const double x = direction[0], y = direction[1];
     const double a = by_force * x * x + across * y * y + by_turn + noise,
                  b = by_force * y * y + across * x * x + by_turn + noise,
