@@ -26,7 +26,7 @@ TIMEOUT_S = 400
 WITH_DEVICE = ("live", "radio", "software_n210")
 # Files that take or wait for ten seconds and more, by their time: with a device, and without.
 LONGEST = (
-    *("qa_live_reconnect", "qa_streams", "qa_live_presses", "qa_live_examples"),
+    *("qa_live_reconnect", "qa_live_presses", "qa_live_examples"),
     *("qa_live_requests", "qa_soapy_player", "qa_live_health", "qa_guided_live", "qa_live_ends"),
     *("qa_device", "qa_programs", "qa_live_refusals", "qa_check"),
     *("qa_packets", "qa_press_sequences", "qa_card_effects", "qa_read", "qa_plausibility"),

@@ -6,8 +6,6 @@ from collections import deque
 import numpy as np
 from gnuradio.wiforce.errors import InputError
 
-from .frontend import FULL_SCALE
-
 
 class SampleHistory:
     """Recent samples on the device's time line; zero where there are none."""
@@ -46,14 +44,13 @@ class SampleHistory:
 class Cable:
     """A cable between the connectors, of unit gain at 0 dB each, with the device's own delay.
 
-    ``front_end`` and ``clock`` are those of the device that it is connected to.
+    ``front_end`` is that of the device that it is connected to.
     """
 
     def __init__(self, delay_ticks):
         self._delay = delay_ticks
         self._sent = SampleHistory()
         self.front_end = None
-        self.clock = None
 
     def restart(self):
         """Forget the last session."""
@@ -80,15 +77,6 @@ class Cable:
     def sensor(self, name):
         """A sensor on the air; InputError for another name."""
         raise InputError("sensor", "requires --air scene", name)
-
-
-class Counter(Cable):
-    """Receives device time in samples, I its lower, Q its upper 16 bits, to verify all."""
-
-    def receive(self, chain, tick, spacing, count):
-        number = np.arange(count, dtype=np.int64) + self.clock.to_time(tick) // spacing % (1 << 32)
-        parts = np.stack((number, number >> 16), axis=1).astype(np.int16)
-        return (parts.astype(np.float32) / np.float32(FULL_SCALE)).view(np.complex64).reshape(-1)
 
 
 def amplitude(db):

@@ -13,7 +13,7 @@ import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.zmq_sockets import Replies, endpoint_of, is_loopback
 
-from .cable import Cable, Counter
+from .cable import Cable
 from .device import Device
 from .faults import GRAMMAR, parse_fault
 from .wire import TICK_RATE
@@ -152,11 +152,10 @@ _MOST_DELAY_US = 1000.0
 )
 @click.option(
     "--air",
-    type=click.Choice(["scene", "cable", "counter"]),
+    type=click.Choice(["scene", "cable"]),
     default="scene",
     show_default=True,
-    help="What connects transmit to receive: SCENE or a cable. 'counter' receives the device "
-    "time in samples.",
+    help="What connects transmit to receive: SCENE or a cable.",
 )
 @click.option(
     "--delay-us",
@@ -170,8 +169,8 @@ _MOST_DELAY_US = 1000.0
     "faults",
     multiple=True,
     metavar="'TIME KIND ...'",
-    help="Schedule a fault at a device time in seconds or, with a leading +, at a time after the "
-    f"first received sample. May be repeated. Kinds: {GRAMMAR}.",
+    help="Schedule a fault at a time in seconds after the first received sample. May be repeated. "
+    f"Kinds: {GRAMMAR}.",
 )
 @click.option(
     "--speed",
@@ -224,10 +223,8 @@ def _air(kind, scene, delay_ticks):
         raise InputError("SCENE", f"has no use with --air {kind}", scene)
     if kind == "cable":
         return Cable(delay_ticks)
-    if kind == "counter":
-        return Counter(delay_ticks)
     if scene is None:
-        raise InputError("SCENE", "is required unless --air is cable or counter")
+        raise InputError("SCENE", "is required unless --air is cable")
     # Imported here, since a cable starts in a fraction of the time that a scene takes to load.
     from gnuradio.wiforce.scene import load_scene
 

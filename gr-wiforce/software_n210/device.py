@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from gnuradio.wiforce.errors import InputError
 
 from .cable import Cable
-from .faults import Fault, FaultQueue, apply_fault, check_fault
+from .faults import Fault
 from .hardware import Hardware
 from .host_link import HostLink, Sockets, check_loopback
 from .wire import TICK_RATE, TX_PORT
@@ -135,7 +135,7 @@ class Device:
         if not 0 < speed < math.inf:
             raise InputError("speed", "must be positive and finite", speed)
         self.air = air
-        self._faults = FaultQueue()
+        self._faults: list[Fault] = []
         self._faults_applied = 0
         for fault in faults:
             self.add_fault(fault)
@@ -161,8 +161,8 @@ class Device:
 
     def add_fault(self, fault: Fault) -> None:
         """Schedule one more fault."""
-        check_fault(fault, self.air)
-        self._faults.add(fault)
+        fault.check(self.air)
+        self._faults.append(fault)
 
     def stop(self) -> None:
         """Make `run` return; may be called from a signal handler."""
@@ -207,10 +207,8 @@ class Device:
     def _advance(self):
         """Move device time on by at most one step; seconds to wait before the next."""
         hardware = self._hardware
-        if hardware.receiving:
-            self._faults.begin()
-        for fault in self._faults.due(hardware.clock, hardware.origin):
-            apply_fault(fault, hardware)
+        for fault in self._due_faults():
+            fault.apply(hardware)
             self._faults_applied += 1
         if not self._link.deliver():
             return _HOLD_WAIT_S
@@ -227,12 +225,20 @@ class Device:
             self._step(start, end)
         return self._wait_after(end)
 
+    def _due_faults(self):
+        """Faults that are due, earliest first; they leave the queue."""
+        origin, now = self._hardware.origin, self._hardware.clock.ticks
+        if origin is None:
+            return []
+        due = [fault for fault in self._faults if origin + fault.time <= now]
+        self._faults = [fault for fault in self._faults if origin + fault.time > now]
+        return sorted(due, key=lambda fault: fault.time)
+
     def _until_event(self, start, end):
         """End a step where something must act, or where a host may want to answer."""
         hardware = self._hardware
-        fault = self._faults.next_tick(hardware.clock, hardware.origin)
-        if fault is not None:
-            end = min(end, max(fault, start))
+        if self._faults and hardware.origin is not None:
+            end = min(end, max(hardware.origin + min(fault.time for fault in self._faults), start))
         return hardware.next_event(start, end)
 
     def _step(self, start, end):

@@ -335,7 +335,7 @@ class Hardware:
 
     def __init__(self, air, address, tx_socket_bytes=None, on_close=lambda: None):
         self.air = air
-        self.clock = air.clock = DeviceClock()
+        self.clock = DeviceClock()
         self.transmit = TransmitChain(self.clock, air, tx_socket_bytes)
         self.receive = ReceiveChain(self.clock, air)
         self.front_end = air.front_end = FrontEnd(self.transmit.dsp)

@@ -11,6 +11,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.device_lock import DeviceBusy, DeviceLock
 from wiforce_app.live.radio_keeper import RadioKeeper
 from wiforce_app.radio.request import DeviceAbsent, DeviceLost
+from wiforce_app.radio.streams import Progress
 
 ABSENT = DeviceAbsent("--args", "must name a device that answers")
 BUSY = DeviceBusy("--args", "must name a device that is free")
@@ -181,3 +182,16 @@ def test_keeper_warns_of_underflows_at_growing_intervals(capsys):
         assert bench.underflows_s == []
     said = capsys.readouterr().err
     assert 1 < said.count("transmit underflow: no frames were sent for 0.50 s") < 6
+
+
+def test_a_process_that_was_stopped_does_not_take_its_device_for_lost():
+    """After `kill -STOP`, or on a busy machine, a reader ended although all was well."""
+    now = [0.0]
+    progress = Progress(lambda: now[0])
+    progress.still_s(7)
+    found = []
+    for passed_s in (0.02, 0.02, 6.0, 0.02):
+        now[0] += passed_s
+        found.append(progress.still_s(7))
+    assert found == pytest.approx([0.02, 0.04, 0.24, 0.26])
+    assert progress.still_s(8) == 0
