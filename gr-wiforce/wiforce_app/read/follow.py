@@ -9,7 +9,11 @@ import time
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.captures import capture_stream
 from gnuradio.wiforce.estimation.capture.frame import searched_samples
-from gnuradio.wiforce.estimation.capture.recorded_frames import find_frames, first_frame, no_frames
+from gnuradio.wiforce.estimation.capture.recorded_frames import (
+    find_frames,
+    first_frame,
+    require_frames,
+)
 from gnuradio.wiforce.io.capture import open_capture
 
 from ..shell.log import log
@@ -29,7 +33,8 @@ class GrowingCapture:
         recording = _once_long_enough(capture, datatype, plan.waveform)
         recording.check_against(plan.scene)
         if frame_offset is None:
-            frame_offset = _wait_for_frames(recording, capture, datatype, plan.waveform)
+            place = require_frames(recording, plan.waveform)
+            frame_offset = first_frame(recording, plan.waveform, place)
         else:
             find_frames(recording, plan.waveform)
         self.frame_offset = frame_offset
@@ -95,23 +100,6 @@ def _once_long_enough(capture, datatype, waveform):
         time.sleep(_WAIT_S)
         recording = open_capture(capture, datatype)
     return recording
-
-
-def _wait_for_frames(recording, capture, datatype, waveform):
-    """Samples before the first frame, as soon as the recording holds frames."""
-    interrupted = threading.Event()
-    _on_interrupt(interrupted.set)
-    place = find_frames(recording, waveform)
-    if place is None:
-        log.warning(f"{no_frames(recording, waveform)}; waiting")
-    while place is None:
-        searched = recording.span
-        while recording.span < searched + searched_samples(waveform):
-            if interrupted.wait(_WAIT_S):
-                raise no_frames(recording, waveform)
-            recording = open_capture(capture, datatype)
-        place = find_frames(recording, waveform, searched)
-    return first_frame(recording, waveform, place)
 
 
 def _on_interrupt(call):

@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A capture is read with the right scene, and only when its samples agree with it."""
 
-import os
-import signal
-import subprocess
 import warnings
 
 import numpy as np
@@ -17,7 +14,6 @@ from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene, scene_of
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from long_cases import cases
-from machine import rows_in, wait_until
 
 # Frames of 320 samples at 1.25 Msps: a second of it is small and quickly read.
 SCENE = {
@@ -249,36 +245,3 @@ def test_read_tail_that_is_not_finite_counts_as_dropped(press, tmp_path):
     assert "read 37 groups" in done.stderr and "17 lost" in done.stderr, done.stderr
     rows = done.stdout.splitlines()[1:]
     assert len(rows) == 37 and all(row.split(",")[-3] == "gap" for row in rows[20:])
-
-
-def following(path, scene, output):
-    command = [*READ, path, "--datatype", "ci16_le", "--scene", scene, "--follow", "-o", output]
-    return subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, text=True)
-
-
-def test_follow_waits_for_frames_and_then_reads(press, tmp_path):
-    """A recorder may run long before the transmitter is switched on."""
-    path, output, scene = tmp_path / "grow.bin", tmp_path / "out.csv", written(tmp_path, SCENE)
-    rng = np.random.default_rng(3)
-    path.write_bytes(rng.normal(0, 3, 2 * 700_000).astype("<i2").tobytes())
-    process = following(path, scene, output)
-    first = process.stderr.readline()
-    assert "warning" in first and "no sounding frames found" in first
-    assert first.endswith("; waiting\n") and not output.exists()
-    with open(path, "ab") as stream:
-        stream.write(press.with_suffix(".sigmf-data").read_bytes())
-    wait_until(lambda: rows_in(output) >= 40, process=process)
-    process.send_signal(signal.SIGINT)
-    assert "read " in process.communicate(timeout=300)[1] and process.returncode == 0
-
-
-def test_follow_interrupted_before_frames_says_why_nothing_was_read(tmp_path):
-    """An empty file and exit status 0 would look like a sensor that nobody touched."""
-    path, output, scene = tmp_path / "grow.bin", tmp_path / "out.csv", written(tmp_path, SCENE)
-    path.write_bytes(bytes(4 * 700_000))
-    process = following(path, scene, output)
-    process.stderr.readline()
-    os.kill(process.pid, signal.SIGINT)
-    lines = process.communicate(timeout=300)[1]
-    assert process.returncode == 2 and "no sounding frames found" in lines
-    assert not output.exists()
