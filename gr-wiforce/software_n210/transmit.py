@@ -125,7 +125,6 @@ def _kernel_bytes(datagram_bytes):
     return (1 << (datagram_bytes + 511).bit_length()) + 512
 
 
-_POLICY_NEXT_BURST = 4
 _MAX_QUEUE = 4096
 
 
@@ -140,7 +139,6 @@ class TransmitChain:
         self._clock = clock
         self._air = air
         self.flow = FlowControl(clock, socket_bytes)
-        self._policy = 2
         self._clear()
 
     def _clear(self):
@@ -148,7 +146,6 @@ class TransmitChain:
         self._expected = None
         self._next_tick = None
         self._free_tick = self._clock.ticks
-        self._skip_burst = False
         self.flow.clear()
 
     def poke(self, register, value):
@@ -157,8 +154,6 @@ class TransmitChain:
             self._clear()
         elif register == 2:
             self.flow.stream_id = value
-        elif register == 3:
-            self._policy = value
         elif register == 5:
             self.flow.report_every_packets(value)
 
@@ -220,17 +215,12 @@ class TransmitChain:
     def _begin(self, start, end):
         """Start or drop the packet at the head; False when it is not due before `end`."""
         packet = self._queue[0]
-        if self._skip_burst:
-            self._skip_burst = not packet.end
-            self.flow.consumed(self._queue.popleft())
-            return True
         tick = self._start_of(packet, start)
         late = tick < start
         if tick >= end and not late:
             return False
         if late:
             self.late_packets += 1
-            self._skip_burst = self._policy & _POLICY_NEXT_BURST and not packet.end
             self.flow.consumed(self._queue.popleft())
             self.flow.report(TX_LATE, start)
         else:
@@ -263,7 +253,6 @@ class TransmitChain:
         if taken < room:
             self.underflows += 1
             self.flow.report(TX_UNDERFLOW, self._next_tick)
-            self._skip_burst = bool(self._policy & _POLICY_NEXT_BURST)
             self._next_tick = None
             return True
         return False
