@@ -175,29 +175,20 @@ def _hurt(touched, snapshots):
         snapshots[:] = np.nan
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """Errors and stated std (n, 2S) of the touched groups of one run, and how many are not read."""
-
-    errors_deg: np.ndarray
-    std_deg: np.ndarray
-    unread: int
-
-    def values(self, weight=1.0):
-        """Values of a row; errors are undetected beyond four standard deviations and 0.02 deg."""
-        errors, weak = np.abs(self.errors_deg), self.std_deg > WEAK_PHASE_DEG
-        hidden = ~weak & ~(errors <= 4 * self.std_deg + _NOTHING_DEG)
-        numbers = np.stack([self.errors_deg, self.std_deg])
-        return {
-            "worst": float(np.max((weight * errors)[~weak], initial=0.0)),
-            "undetected": float(np.max(errors[hidden], initial=0.0)),
-            "discarded": self.unread + int(np.count_nonzero(np.any(weak, axis=1))),
-            "not_finite": int(np.count_nonzero(~np.isfinite(numbers))),
-        }
+def values_of(errors_deg, std_deg, unread, weight=1.0):
+    """Values of a row; errors are undetected beyond four standard deviations and 0.02 deg."""
+    errors, weak = np.abs(errors_deg), std_deg > WEAK_PHASE_DEG
+    hidden = ~weak & ~(errors <= 4 * std_deg + _NOTHING_DEG)
+    return {
+        "worst": float(np.max((weight * errors)[~weak], initial=0.0)),
+        "undetected": float(np.max(errors[hidden], initial=0.0)),
+        "discarded": unread + int(np.count_nonzero(np.any(weak, axis=1))),
+        "not_finite": int(np.count_nonzero(~np.isfinite([errors_deg, std_deg]))),
+    }
 
 
 def _worst(case, path, stressed, cause):
-    return {**read_case(case, path, **stressed).values(), "unit": "deg", "cause": cause}
+    return {**values_of(*read_case(case, path, **stressed)), "unit": "deg", "cause": cause}
 
 
 def read_case(
@@ -205,6 +196,7 @@ def read_case(
 ):
     """One run of a case by one of :data:`PATHS`: its reference groups, then its touched groups.
 
+    Errors and stated std (n, 2S) of the touched groups that are read, and how many are not.
     ``pause`` groups are absent between. ``scale`` is a factor of a touched group's samples,
     ``hurt`` changes its H (N, K). What states more than ``known_deg`` counts as unread.
     """
@@ -233,7 +225,7 @@ def read_case(
     groups = groups.having(index=np.full(len(groups), case.reference_groups), phase_std_deg=std)
     errors, std, _ = errors_of(case, tags, groups, "harmonic")
     known = np.all(std < known_deg, axis=1)
-    return Outcome(errors[known], std[known], case.groups - int(known.sum()))
+    return errors[known], std[known], case.groups - int(known.sum())
 
 
 def _by_blocks(path, settings, snapshots, indices):
@@ -322,11 +314,11 @@ def _searched(name, trial, search):
     for run in range(search):
         changes, label = trial(rng)
         try:
-            outcome = read_case(quiet_case(name, **changes), run=run)
+            errors, std, unread = read_case(quiet_case(name, **changes), run=run)
         except InputError:
             refused += 1
             continue
-        found.append({**outcome.values(1 / (outcome.std_deg + 0.005)), "cause": label})
+        found.append({**values_of(errors, std, unread, 1 / (std + 0.005)), "cause": label})
     found = _worst_of(found, "std")
     # Groups of a run share their reference, and ends share their clock.
     hidden = found["worst"] if found["worst"] > _UNDETECTED_STD else 0.0
