@@ -12,62 +12,17 @@ import numpy as np
 
 from ..errors import InputError
 from ..estimation.capture.recorded_frames import SAMPLE_RATE_RATIOS
-from ..estimation.clocks.tracked_tag import TagClock
 from ..estimation.groups import Groups
 from ..estimation.room.clock_lines import clock_beyond
 from ..estimation.room.sources import SLOWEST_TAG_HZ, RoomLine, Source
 from ..estimation.room.survey import Survey
 from ..scene.schema import LOOSEST_CLOCK_PPM
 from ..signal.lines import COINCIDING_BINS, STRONG_LINES, aliased_hz
-from ..signal.waveform import Waveform
 from .adaptation import NEGLIGIBLE, added_noise
 from .plan import Plan
 
-# Supplies pass the mains frequency or, behind a rectifier, twice that.
-RIPPLE_HZ = (50.0, 60.0, 100.0, 120.0)
-# Lines are where they are expected within this distance, and the ratios around zero and around the
-# tag's line are equal within this factor (3 dB).
+# Lines are where they are expected within this distance.
 _APART_HZ = 1.5
-_SAME_RATIO = 2.0
-_HARMONICS = 24
-
-
-def ripple_of(survey: Survey, clocks: Sequence[TagClock], waveform: Waveform) -> Source | None:
-    """Ripple of the gain of transmitter or receiver, with all lines that belong to it.
-
-    It multiplies everything: static channel and line 1 of tags have lines at +-f in the same ratio;
-    lamps modulate what they reflect only. None where too weak to show there.
-    """
-    lines = [line for source in survey.sources for line in source.lines]
-    rate_hz = 1 / waveform.snapshot_period_s
-
-    def near(hertz: float, reach_hz: float) -> list[RoomLine]:
-        seen = abs(aliased_hz(hertz, rate_hz))
-        return [line for line in lines if abs(line.frequency_hz - seen) <= reach_hz]
-
-    for ripple_hz in RIPPLE_HZ:
-        around_zero = near(ripple_hz, _APART_HZ)
-        if not around_zero or not survey.static_power > 0:
-            continue
-        ratio = max(line.power for line in around_zero) / survey.static_power
-        found = list(around_zero)
-        for clock, power in zip(clocks, survey.line_power, strict=True):
-            if not power > 0:
-                continue
-            drift_hz = clock.clock_hz * clock.tolerance_ppm * 1e-6
-            reach_hz = _APART_HZ + drift_hz
-            pair = [near(clock.clock_hz + sign * ripple_hz, reach_hz) for sign in (-1, 1)]
-            if not all(pair):
-                continue
-            ratios = [max(line.power for line in each) / power for each in pair]
-            if max(*ratios, ratio) > _SAME_RATIO * min(*ratios, ratio):
-                continue
-            for m in range(1, _HARMONICS + 1):
-                for sign in (-1, 1):
-                    found += near(m * clock.clock_hz + sign * ripple_hz, _APART_HZ + m * drift_hz)
-        if len(found) > len(around_zero):
-            return Source("ripple", ripple_hz, tuple(dict.fromkeys(found)), ())
-    return None
 
 
 def other_clock_hz(plan: Plan, tag: int, lines: Sequence[RoomLine]) -> float | None:
@@ -156,8 +111,8 @@ _SPURIOUS = "an unknown source: a power supply, another reader or a spurious osc
 class Finding:
     """Something that a survey has found."""
 
-    kind: str  # ``clutter`` (something moves), ``lamps``, ``tag``, ``ripple`` or ``line``
-    frequency_hz: float  # highest one of clutter, mains of lamps, clock of a tag, ripple or line
+    kind: str  # ``clutter`` (something moves), ``lamps``, ``tag`` or ``line``
+    frequency_hz: float  # highest one of clutter, mains of lamps, clock of a tag, or line
     # Power per sign of the frequency relative to :func:`level_reference`: of all clutter, or of a
     # source's strongest line.
     level_db: float
@@ -183,7 +138,6 @@ class Finding:
             "clutter": f"moving clutter up to {self.frequency_hz:.0f} Hz",
             "lamps": f"lamps on {hertz} mains",
             "tag": f"tag with a clock of {hertz}",
-            "ripple": f"ripple at {hertz}",
             "line": f"line at {self.frequency_hz:.1f} Hz",
         }[self.kind]
 
@@ -196,7 +150,7 @@ def level_reference(survey: Survey, plan: Plan) -> tuple[float, str]:
 
 
 def findings(survey: Survey | None, plan: Plan, adapted: Plan) -> list[Finding]:
-    """What a survey has found and a plan does about it: clutter, ripple, other sources."""
+    """What a survey has found and a plan does about it: clutter, other sources."""
     if survey is None:
         return []
     report = _Report(survey, plan, adapted)
@@ -214,7 +168,6 @@ class _Report:
         self._survey, self._plan, self._adapted = survey, plan, adapted
         self._reference = level_reference(survey, plan)[0]
         self._mains_hz = plan.require_scene().environment.possible_mains_hz
-        self._ripple = ripple_of(survey, plan.clocks, plan.waveform)
         self._moving_hz = self._fastest_hz()
         same = adapted.clutter_hz == plan.clutter_hz
         self._table = plan.table if same else replace(plan, clutter_hz=adapted.clutter_hz).table
@@ -225,14 +178,12 @@ class _Report:
     def _fastest_hz(self) -> float:
         """Highest frequency of what moves, the slow lines of turning blades included."""
         moving_hz = self._survey.moving_hz()
-        ripple = self._ripple.lines if self._ripple is not None else ()
         blades = [
             source.fundamental_hz
             for source in self._survey.sources
             if source.kind == "line"
             and source.fundamental_hz < SLOWEST_TAG_HZ
             and not self._is_hum(source.fundamental_hz)
-            and not set(source.lines) <= set(ripple)
         ]
         if not moving_hz and len(blades) < _BLADES:
             return 0.0
@@ -264,7 +215,7 @@ class _Report:
         yield Finding("clutter", self._moving_hz, level_db, meaning, handling, matters)
 
     def sources(self) -> Iterator[Finding]:
-        """Ripple, lamps, tags and single lines."""
+        """Lamps, tags and single lines."""
         sources = [
             source
             for source in self._survey.sources
@@ -272,10 +223,6 @@ class _Report:
             or source.fundamental_hz > self._moving_hz
             or self._is_hum(source.fundamental_hz)
         ]
-        ripple = self._ripple
-        if ripple is not None:
-            sources = [source for source in sources if not set(source.lines) <= set(ripple.lines)]
-            yield self._finding(ripple, sources)
         single = 0
         for source in sources:
             single += source.kind == "line"
@@ -290,7 +237,6 @@ class _Report:
         meaning = {
             "lamps": f"light that flickers at multiples of {hertz:g} Hz",
             "tag": "a tag that the scene does not list",
-            "ripple": "a supply modulates the gain of transmitter or receiver",
         }.get(source.kind, hum if self._is_hum(hertz) else _SPURIOUS)
         lines_hz = [line.frequency_hz for line in source.lines]
         if source.kind == "tag":

@@ -219,16 +219,7 @@ def test_quiet_room_leaves_plan_unchanged(own_plan):
     assert findings(survey, own_plan, own_plan) == []
 
 
-def test_ripple_is_distinguished_from_lamps_by_its_ratio(own_plan):
-    """Ripple multiplies everything; lamps only add."""
-    clean = room(noise=0)
-    swing = (1 + 0.1 * np.cos(2 * np.pi * 100 * TIME_S))[:, None]
-    survey = surveyed(clean * swing + room(static=0, own=0), own_plan)
-    (first, *others) = findings(survey, own_plan, adapted(own_plan, survey))
-    assert (first.kind, first.frequency_hz, others) == ("ripple", 100.0, [])
-    expected = db(0.05**2 * survey.static_power / survey.line_power[0])
-    assert first.level_db == pytest.approx(expected, abs=1)
-    # The line around zero alone, as strong as before, is no ripple of the gain.
+def test_slow_line_is_hum(own_plan):
     tone = 0.1 * STATIC * np.cos(2 * np.pi * 100 * TIME_S)
     (single,) = findings(surveyed(room(tone[:, None]), own_plan), own_plan, own_plan)
     assert single.kind == "line" and "hum" in single.meaning
