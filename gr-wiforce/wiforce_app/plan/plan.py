@@ -13,7 +13,6 @@ from gnuradio.wiforce.planning.advice import licence_note
 from gnuradio.wiforce.planning.advice import warnings as warnings_of
 from gnuradio.wiforce.planning.clocks import clocks_for
 from gnuradio.wiforce.planning.expected import error_map, expect
-from gnuradio.wiforce.planning.findings import findings_text
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.steps import steps as steps_of
 from gnuradio.wiforce.scene import load_scene, simulation_warnings
@@ -122,7 +121,7 @@ def _room(capture, datatype, settings):
     report = found.report()
     return {
         **{key: report[key] for key in ("findings", "changes", "skipped")},
-        "text": findings_text(found.findings),
+        "text": str(found),
         "settings": _settings(found.plan),
         "steps": [dataclasses.asdict(step) for step in steps_of(found.plan)],
     }
@@ -167,13 +166,7 @@ def _print(report, summary, with_steps):
 
 
 def _print_room(room, steps):
-    click.echo("\nroom of the capture")
-    for line in room["text"]:
-        click.echo(line)
-    for change in room["changes"]:
-        click.echo(f"needed: {change}")
-    for skipped in room["skipped"]:
-        click.echo(f"skipped: {skipped}")
+    click.echo(f"\nroom of the capture: {room['text']}")
     before, after = (
         sum(step["operations"] for step in each if step["needed"]) / 1e6
         for each in (steps, room["steps"])
