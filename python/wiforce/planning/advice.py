@@ -11,14 +11,13 @@ from ..errors import InputError
 from ..scene import Scene, accepted_suspicions
 from ..sensor.curves import CurveModel
 from ..signal.carrier import BANDS, bands_holding, occupied_band_hz
-from ..signal.lines import lamp_distances_hz
+from ..signal.lines import STRONG_LINES, lamp_distances_hz
 from .clocks import (
     FARTHER,
     assess_clocks,
     clocks_for,
     lamp_multiples,
     line_numbers,
-    lines_near_lamps,
 )
 from .expected import other_sensors_pressed, phase_std_deg, receive_levels, why_not_readable
 from .plan import Plan
@@ -133,22 +132,23 @@ def _clock_warnings(plan: Plan) -> Iterator[str]:
 
 
 def _lamp_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
-    """Tags whose lines lamps disturb, where another clock would help."""
-    near = list(lines_near_lamps(plan))
+    """Tags whose strong lines lie within a bin of those of lamps, where other clocks would help."""
+    mains_hz, bin_hz = scene.environment.possible_mains_hz, 1 / plan.group_period_s
+    now_hz = [lamp_distances_hz(clock.clock_hz, mains_hz) for clock in plan.clocks]
+    near = [tag for tag, hz in enumerate(now_hz) if hz.min() < bin_hz]
     clocks_hz = _proposed_hz(scene) if near else []
-    mains_hz = scene.environment.possible_mains_hz
-    for found in near:
-        hz, lines = clocks_hz[found.tag], line_numbers(found.lines)
+    for tag in near:
+        hz = clocks_hz[tag]
         distance_hz = float(lamp_distances_hz(hz, mains_hz).min())
-        farther = distance_hz > 0 and distance_hz >= FARTHER * found.distance_hz
-        if farther and _planned(scene.with_clocks({found.tag: hz})) is not None:
-            lie = "lies" if len(found.lines) == 1 else "lie"
-            yield (
-                f"lamps: {lines} of '{scene.sensor_names[found.tag]}' {lie} within one bin "
-                f"({1 / plan.group_period_s:.3g} Hz) of {lamp_multiples(mains_hz)}; with a clock "
-                f"of {hz:g} Hz they keep {distance_hz:g} Hz away (environment.mains_hz: null where "
-                "there are no lamps)"
-            )
+        if distance_hz == 0 or distance_hz < FARTHER * now_hz[tag].min():
+            continue
+        lines = [m for m, own in zip(STRONG_LINES, now_hz[tag], strict=True) if own < bin_hz]
+        yield (
+            f"lamps: {line_numbers(lines)} of '{scene.sensor_names[tag]}' "
+            f"{'lies' if len(lines) == 1 else 'lie'} within one bin ({bin_hz:.3g} Hz) of "
+            f"{lamp_multiples(mains_hz)}; with a clock of {hz:g} Hz they keep {distance_hz:g} Hz "
+            "away (environment.mains_hz: null where there are no lamps)"
+        )
 
 
 def _proposed_hz(scene: Scene) -> list[float]:
@@ -157,14 +157,6 @@ def _proposed_hz(scene: Scene) -> list[float]:
         return clocks_for(scene, len(scene.sensors)).clocks_hz
     except InputError:
         return [sensor.clock_hz for sensor in scene.sensors]
-
-
-def _planned(scene: Scene) -> Plan | None:
-    """The plan of a scene; None of one that is refused."""
-    try:
-        return plan_of(scene)
-    except InputError:
-        return None
 
 
 def _motion_warnings(scene: Scene, plan: Plan) -> Iterator[str]:

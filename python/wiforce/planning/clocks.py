@@ -2,7 +2,7 @@
 """Which clocks tags can have: their lines, what they cost each other, and proposals."""
 
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -138,25 +138,6 @@ def _ideal_power(clocks_hz: Sequence[float] | np.ndarray, averaging_s: float) ->
     orders = np.arange(1, 4 * _HIGHEST_HARMONIC)[:, None]
     lines = harmonics(orders, np.asarray(clocks_hz) * averaging_s)
     return 2 * np.sum(lines**2, axis=0).ravel()
-
-
-class LampLines(NamedTuple):
-    """A tag with strong lines that a phase group cannot separate from those of lamps."""
-
-    tag: int
-    lines: tuple[int, ...]  # of its lines 1, 2 and 4, those next to a lamp's line
-    distance_hz: float  # least distance of a strong line to a lamp's line
-
-
-def lines_near_lamps(plan: Plan) -> Iterator[LampLines]:
-    """Tags of a scene whose strong lines lie within a bin of those of lamps."""
-    mains_hz = plan.require_scene().environment.possible_mains_hz
-    near_hz = 1 / plan.group_period_s
-    for tag, clock in enumerate(plan.clocks):
-        distances_hz = lamp_distances_hz(clock.clock_hz, mains_hz)
-        near = tuple(m for m, hz in zip(STRONG_LINES, distances_hz, strict=True) if hz < near_hz)
-        if near:
-            yield LampLines(tag, near, float(distances_hz.min()))
 
 
 def line_numbers(lines: Sequence[int]) -> str:
