@@ -5,7 +5,6 @@ import contextlib
 import errno
 import hashlib
 import socket
-import struct
 import time
 from weakref import WeakValueDictionary
 
@@ -13,7 +12,6 @@ from ...errors import InputError
 
 _HANDOVER_S = 4.0  # UHD takes 1.5 s to close a device
 _LOOK_S = 0.1
-_PEER = struct.Struct("3i")  # process, user, group
 
 
 class _Name(socket.socket):
@@ -71,7 +69,6 @@ class DeviceLock:
         while True:
             try:
                 holder.bind(address)
-                holder.listen(1)
                 _held[address] = holder
                 self._names.append(holder)
                 return
@@ -79,7 +76,7 @@ class DeviceLock:
                 if error.errno != errno.EADDRINUSE:
                     raise
             if time.monotonic() > deadline:
-                rule = f"must name a device that is free (in use by {_user(address)})"
+                rule = "must name a device that is free (in use by another process)"
                 raise DeviceBusy(self._where, rule, self._args)
             time.sleep(_LOOK_S)
 
@@ -98,13 +95,3 @@ def _names(args: str) -> list[str]:
         elif key in ("serial", "name", "resource"):
             found.append(f"{key}={value}")
     return found or [args]
-
-
-def _user(address: str) -> str:
-    """The process that holds a device, in words."""
-    with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX) as client:
-        client.settimeout(_LOOK_S)
-        client.connect(address)
-        peer = client.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size)
-        return f"process {_PEER.unpack(peer)[0]}"
-    return "another process"

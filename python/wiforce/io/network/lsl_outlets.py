@@ -2,11 +2,9 @@
 """Readings as streams of the Lab Streaming Layer (LSL), one per sensor."""
 
 import math
-import os
 import socket
 import time
-from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ..optional import optional_module
@@ -37,11 +35,13 @@ SURFACE_CHANNELS = (
 )
 # Without this, liblsl offers its streams on all networks of the machine, and logs on standard
 # error what it does.
-_THIS_MACHINE = "[multicast]\nResolveScope = machine\nListenAddress = 127.0.0.1\n"
-_QUIET = "[log]\nlevel = -2\n"
-# Where liblsl looks for its settings.
-_SETTINGS = ("lsl_api.cfg", "~/lsl_api/lsl_api.cfg", "/etc/lsl_api/lsl_api.cfg")
-_COMPARISONS = 3
+_THIS_MACHINE = """\
+[multicast]
+ResolveScope = machine
+ListenAddress = 127.0.0.1
+[log]
+level = -2
+"""
 _LINGER_S = 0.2
 
 
@@ -64,9 +64,7 @@ class LslOutlets(Output):
     ) -> None:
         self._pylsl = optional_module("pylsl", "--lsl")
         if not network:
-            self._pylsl.set_config_content(_THIS_MACHINE + _QUIET)
-        elif not _has_settings():
-            self._pylsl.set_config_content(_QUIET)
+            self._pylsl.set_config_content(_THIS_MACHINE)
         kinds: dict[str, tuple[tuple[str, str, str], ...]]
         kinds = {sensor: CHANNELS for sensor in sensors}
         kinds |= {surface: CHANNELS + SURFACE_CHANNELS for surface in surfaces}
@@ -84,7 +82,7 @@ class LslOutlets(Output):
             lsl_s = self._pylsl.local_clock()
             if row.get("time_utc"):
                 utc_s = parsed_utc(row["time_utc"]).timestamp()
-                lsl_s = utc_s + lsl_offset_s(self._pylsl.local_clock)
+                lsl_s += utc_s - time.time()
             sample = [math.nan if value is None else float(value) for value in known]
             self._outlets[row["sensor"]].push_sample(sample, lsl_s)
 
@@ -118,18 +116,3 @@ class LslOutlets(Output):
         for key, value in {"sensor": sensor, **details}.items():
             acquisition.append_child_value(key, value)
         return lsl.StreamOutlet(info)
-
-
-def lsl_offset_s(local_clock: Callable[[], float], utc: Callable[[], float] = time.time) -> float:
-    """Offset of LSL's clock from UTC, by the quickest of three comparisons."""
-    best = (math.inf, 0.0)
-    for _ in range(_COMPARISONS):
-        before = local_clock()
-        utc_s = utc()
-        after = local_clock()
-        best = min(best, (after - before, (before + after) / 2 - utc_s))
-    return best[1]
-
-
-def _has_settings() -> bool:
-    return "LSLAPICFG" in os.environ or any(Path(p).expanduser().exists() for p in _SETTINGS)
