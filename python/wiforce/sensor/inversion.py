@@ -237,10 +237,6 @@ class Inverter:
         values[~known, -1] += self.ruler_mm2
         return inversion_of(values, codes)
 
-    def unobservable(self, force: ArrayLike, location: ArrayLike, std: ArrayLike = 1.0) -> Array:
-        """Whether force and location cannot be distinguished with this noise (deg); broadcast."""
-        return self.posterior.unobservable(force, location, np.max(std))
-
     def code_of(
         self, force: float, force_std: float, location: float, location_std: float, std: Array
     ) -> int:
@@ -248,7 +244,7 @@ class Inverter:
         code = 0
         if self.posterior.extrapolated(force, location, force_std**2, location_std**2):
             code |= INVERSION_FLAGS["extrapolated"]
-        if self.unobservable(force, location, std):
+        if self.posterior.unobservable(force, location, np.max(std)):
             code |= INVERSION_FLAGS["force-unobservable"]
         return code
 

@@ -28,7 +28,7 @@ from gnuradio.wiforce.planning.advice import warnings
 from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.sensor import load_sensor, touch_of, write_sensor
+from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from scipy.optimize import brentq
 
 PLACES = (20.0, 30.0, 40.0, 50.0, 60.0)
@@ -340,15 +340,6 @@ def test_read_csv_that_may_be_misread_is_refused(tmp_path, text, rule):
     (tmp_path / "t.csv").write_text(text)
     with pytest.raises(InputError, match=f"t.csv: {rule}"):
         read_csv(tmp_path / "t.csv")
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_touch_of_says_when_it_is_unknown(name):
-    model = load_sensor(name)
-    phases = np.array([model.untouched_deg(), model.phases_deg(4.0, 40.0)])
-    assert touch_of(model, phases, 1.0).tolist() == [0, 1]
-    assert touch_of(model, phases, 5.0).tolist() == [0, 1]
-    assert touch_of(model, phases, 60.0)[0] == -1
 
 
 def inverted(folder, rows, *options):

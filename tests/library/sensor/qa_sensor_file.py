@@ -14,16 +14,6 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.sensor import load_sensor, shipped_sensors, write_sensor
 from modules import module_of
 
-TRANSITION = {
-    "shape": "tanh",
-    "probability": 1.0,
-    "fade_mm": 8.0,
-    "fade_relative_std": 0.05,
-    "shift_mm": 0.0,
-    "shift_std_mm": 0.1,
-    "residual_length_mm": 10.0,
-    "residual_variance": 5e-4,
-}
 FORCES, PLACES = np.linspace(0.5, 9, 40)[:, None], np.linspace(20, 60, 21)
 
 
@@ -140,7 +130,7 @@ def load(tmp_path, values):
         (["carriers", 0, "interpolation"], [[0, 1, 1, 1, 0.5, 1]], "sum to 1"),
         (["carriers", 0, "interpolation"], [[0, 1, 1, 1, 1]], "[0]: must be a row of 6 numbers"),
         (["carriers", 0, "interpolation"], [[5, 1, 1, 1, 1, 1]], "number of a shape, 0 to 4"),
-        (["carriers", 0, "interpolation"], [TRANSITION | {"probability": 0.5}], "sum to 1"),
+        (["carriers", 0, "interpolation", 0, "probability"], 0.01, "sum to 1"),
         (["provenance", "date"], None, "provenance.date"),
         (["form"], "cubic", "knots_n: must be at least two rising positive forces"),
         (["knots_n"], [1, 2], "knots_n: must be left out where form is 'power'"),
