@@ -36,7 +36,7 @@ def main():
     print("| clocks | information q of the ends | worst loss | readable |")
     print("|---|---|---|---|")
     for (name, _), report in zip(SETS, reports, strict=True):
-        q = ", ".join(f"{end.information:.3f}" for end in report.ends)
+        q = ", ".join(f"{each:.3f}" for each in report.information)
         why = "yes" if report.readable else f"no: {report.problems[0].partition(': ')[2]}"
         print(f"| {name} | {q} | {report.worst_loss_db:.1f} dB | {why} |")
     canvas = Figure(figsize=(10, 9), layout="constrained")
@@ -50,22 +50,21 @@ def main():
 
 def _draw(axis, name, clocks_hz, report):
     """Lines of every end; hollow where another end has one there."""
-    strongest = max(end.information for end in report.ends)
+    levels_db = 10 * np.log10(report.information / report.information.max())
     rate, m, shown = 1 / WAVEFORM.snapshot_period_s, np.arange(1, 65), []
-    for end in report.ends:
-        clock_hz = clocks_hz[end.tag]
-        level = np.abs(harmonics(m, clock_hz * WAVEFORM.averaging_s)[:, end.end - 1])
+    for i in range(len(levels_db)):
+        clock_hz = clocks_hz[i // 2]
+        level = np.abs(harmonics(m, clock_hz * WAVEFORM.averaging_s)[:, i % 2])
         level_db = 20 * np.log10(np.maximum(level / level.max(), 1e-9))
         own = level_db >= WEAKEST_DB
         shown.append((np.abs(aliased_hz(m[own] * clock_hz, rate)), level_db[own]))
-    for i, (end, (seen_hz, level_db)) in enumerate(zip(report.ends, shown, strict=True)):
+    for i, (lift, (seen_hz, level_db)) in enumerate(zip(levels_db, shown, strict=True)):
         others_hz = np.concatenate([hz for k, (hz, _) in enumerate(shown) if k != i])
-        lift = 10 * np.log10(end.information / strongest)
         for hz, db in zip(seen_hz, level_db, strict=True):
             shared = np.abs(others_hz - hz).min() < rate / GROUP_LENGTH
             if db + lift > LOWEST_DB:
-                _stem(axis, hz, db + lift, SERIES[i], shared, end.end == 1)
-        axis.plot([], [], "o", color=SERIES[i], ms=5, label=f"tag {end.tag + 1}, end {end.end}")
+                _stem(axis, hz, db + lift, SERIES[i], shared, i % 2 == 0)
+        axis.plot([], [], "o", color=SERIES[i], ms=5, label=f"tag {i // 2 + 1}, end {i % 2 + 1}")
     _finish(axis, name)
 
 

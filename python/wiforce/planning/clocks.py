@@ -5,13 +5,11 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..errors import InputError
-from ..estimation.clocks.likelihood import PHASE_MARGIN, phase_margin
 from ..estimation.clocks.tracked_tag import TagClock
 from ..scene import load_scene
 from ..signal.lines import (
@@ -51,48 +49,31 @@ _TRIALS = 48
 _BATCHES = 8
 
 
-class End(NamedTuple):
-    """An end of a tag: its information, and what the other ends cost it."""
-
-    tag: int  # from 0; ``end`` is 1 or 2
-    end: int
-    information: float  # q, the worst over relative clock phases and clock errors within tolerance
-    loss_db: float  # against the same switch alone, not aliased, with nothing moving
-
-
 class ClockReport(NamedTuple):
-    """How well a set of switching clocks can be read."""
+    """How well a set of switching clocks can be read, by the ends (2S,) of its tags."""
 
-    ends: tuple[End, ...]  # two per tag
-    # Per tag, the part of its signal that distinguishes the right clock phase from the wrong one
-    # that resembles it most; 0 when the ends could be swapped.
-    phase_margins: tuple[float, ...]
+    information: np.ndarray  # q, the worst over relative clock phases and errors within tolerance
+    loss_db: np.ndarray  # against the same switch alone, not aliased, with nothing moving
 
     @property
     def worst_loss_db(self) -> float:
         """Loss of the weakest end, in dB."""
-        return max(end.loss_db for end in self.ends)
+        return float(self.loss_db.max())
 
     @property
     def problems(self) -> tuple[str, ...]:
         """Reasons why ends cannot be read, a sentence each; empty when all can."""
-        found = [
-            f"tag {end.tag + 1}, end {end.end}: loses {end.loss_db:.1f} dB because its signal "
+        return tuple(
+            f"tag {end // 2 + 1}, end {end % 2 + 1}: loses {loss:.1f} dB because its signal "
             "resembles that of other ends, aliases or clutter"
-            for end in self.ends
-            if end.loss_db > WORST_LOSS_DB
-        ]
-        found += [
-            f"tag {tag + 1}: two phases of its clock look alike, so that its ends could be swapped"
-            for tag, margin in enumerate(self.phase_margins)
-            if margin < PHASE_MARGIN
-        ]
-        return tuple(found)
+            for end, loss in enumerate(self.loss_db)
+            if loss > WORST_LOSS_DB
+        )
 
     @property
     def readable(self) -> bool:
         """Whether every end of every tag can be read."""
-        return not self.problems
+        return self.worst_loss_db <= WORST_LOSS_DB
 
 
 def assess_clocks(
@@ -123,14 +104,7 @@ def assess_clocks(
     )
     information = 1 / (worst * len(snapshots.times_s))
     loss_db = 10 * np.log10(_ideal_power(clocks_hz, averaging_s) / np.maximum(information, 1e-12))
-    tags = product(range(len(clocks_hz)), (1, 2))
-    ends = (
-        End(tag, end, float(q), float(loss))
-        for (tag, end), q, loss in zip(tags, information, loss_db, strict=True)
-    )
-    every = np.r_[-_HIGHEST_HARMONIC:0, 1 : _HIGHEST_HARMONIC + 1]
-    margins = (phase_margin(harmonics(every, f * averaging_s), every) for f in clocks_hz)
-    return ClockReport(tuple(ends), tuple(margins))
+    return ClockReport(information, loss_db)
 
 
 def _ideal_power(clocks_hz: Sequence[float] | np.ndarray, averaging_s: float) -> np.ndarray:
@@ -340,8 +314,7 @@ class _Search:
             )
             if report.readable:
                 return chosen
-            worst = max(report.ends[: 2 * count], key=lambda end: end.loss_db)
-            free[chosen[worst.tag]] = False
+            free[chosen[int(np.argmax(report.loss_db[: 2 * count])) // 2]] = False
         return None
 
     def _fill(self, count: int, conflicts: np.ndarray, free: np.ndarray) -> list[int] | None:
