@@ -227,6 +227,7 @@ def test_folder_that_another_run_writes_to_is_refused(captures, tmp_path):
         Journal("/proc/nowhere")
 
 
+@pytest.mark.long
 def test_snakefile_reads_captures_and_scores_those_with_a_load_cell(captures, tmp_path):
     """The example is what a laboratory starts from; it must at least plan the right jobs."""
     folder, _ = captures

@@ -68,24 +68,13 @@ def schema_accepts(schema, values):
     return schema.is_valid(values)
 
 
-@pytest.mark.parametrize("schema", [SCENE_SCHEMA, SENSOR_SCHEMA], ids=["scene", "sensor"])
-def test_json_schema_itself_is_valid(schema):
-    schema.check_schema(schema.schema)
-
-
-@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
-def test_json_schema_accepts_shipped_scene(path):
-    SCENE_SCHEMA.validate(content_of(path))
-
-
-@pytest.mark.parametrize("path", SENSORS, ids=lambda path: path.stem)
-def test_json_schema_accepts_shipped_sensor(path):
-    SENSOR_SCHEMA.validate(content_of(path))
-
-
-@pytest.mark.parametrize("path", SCENES[:3], ids=lambda path: path.stem)
-def test_json_schema_accepts_scene_written_with_its_defaults(path):
-    SCENE_SCHEMA.validate(load_scene(path).as_dict())
+def test_json_schemas_accept_what_is_shipped_and_written_with_defaults():
+    for schema, paths in ((SCENE_SCHEMA, SCENES), (SENSOR_SCHEMA, SENSORS)):
+        schema.check_schema(schema.schema)
+        for path in paths:
+            schema.validate(content_of(path))
+    for path in SCENES[:3]:
+        SCENE_SCHEMA.validate(load_scene(path).as_dict())
 
 
 @pytest.mark.parametrize(
@@ -200,12 +189,10 @@ def test_yaml_examples_in_documentation_are_valid(page):
             load_scene(example)
 
 
-@pytest.mark.parametrize(
-    "kind, schema", [("scene", scene_json_schema), ("sensor", sensor_json_schema)]
-)
-def test_schema_command_prints_the_json_schema(capsys, kind, schema):
-    assert main(["schema", kind]) == 0
-    assert json.loads(capsys.readouterr().out) == schema()
+def test_schema_command_prints_the_json_schema(capsys):
+    for kind, schema in (("scene", scene_json_schema), ("sensor", sensor_json_schema)):
+        assert main(["schema", kind]) == 0
+        assert json.loads(capsys.readouterr().out) == schema()
 
 
 def test_declared_mapping_behaves_as_frozen_dataclass():

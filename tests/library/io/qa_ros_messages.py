@@ -68,7 +68,9 @@ def test_reading_message_holds_every_value_and_the_time():
     }
     row = PRESS.row() | {"run": "r1", "device_time_s": 1.5, "flags": []}
     assert {key: fields[key] for key in row} == row
-    assert fields["flag_bits"] == 0
+    assert fields["flag_bits"] == 0 and math.isnan(fields["y_mm"])
+    message, _ = reading_messages(PRESS.row() | {"y_mm": 12.5, "y_std_mm": 0.2})
+    assert (message.fields["y_mm"], message.fields["y_std_mm"]) == (12.5, 0.2)
 
 
 def test_reading_message_unknown_values_are_nan_and_flags_stay():
@@ -82,23 +84,10 @@ def test_reading_message_unknown_values_are_nan_and_flags_stay():
     assert message.stamp_ns is None and wrench.topic == "/wiforce/arm/wrench_doubtful"
 
 
-def test_reading_message_of_a_surface_holds_y():
-    """Subscribers of the list of presses would otherwise have to derive it from a torque."""
-    message, _ = reading_messages(PRESS.row() | {"y_mm": 12.5, "y_std_mm": 0.2})
-    assert (message.fields["y_mm"], message.fields["y_std_mm"]) == (12.5, 0.2)
-    message, _ = reading_messages(PRESS.row())
-    assert math.isnan(message.fields["y_mm"]) and math.isnan(message.fields["y_std_mm"])
-
-
-def test_wrench_of_press_points_into_the_surface_and_holds_the_location():
-    name, force_z, torque_y = wrench_of(PRESS)
-    assert (name, force_z) == ("wrench", -4.0)
-    assert torque_y / -force_z * 1000 == pytest.approx(45.0)
-
-
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
+        ({}, ("wrench", -4.0, 0.18)),  # torque is force times 45 mm
         ({"touch": 0, "force_n": None, "location_mm": None}, ("wrench", 0.0, 0.0)),
         ({"flags": ("weak",)}, ("wrench_doubtful", -4.0, 0.18)),
         ({"location_mm": None}, ("wrench_doubtful", -4.0, None)),
@@ -142,10 +131,10 @@ def test_health_values_are_flat_texts():
     assert {pair["key"]: pair["value"] for pair in arm["values"]}["age_s"] == "0.04"
 
 
-@pytest.mark.parametrize("sensor", ["left arm", "2", "Daumen-ä", "a--b", "x/y"])
-def test_topic_is_a_name_that_ros_accepts(sensor):
-    assert re.fullmatch("(/[A-Za-z_][A-Za-z0-9_]*)+", topic_of(sensor, "reading"))
-    assert "__" not in topic_of(sensor, "reading")
+def test_topic_is_a_name_that_ros_accepts():
+    for sensor in ("left arm", "2", "Daumen-ä", "a--b", "x/y"):
+        assert re.fullmatch("(/[A-Za-z_][A-Za-z0-9_]*)+", topic_of(sensor, "reading"))
+        assert "__" not in topic_of(sensor, "reading")
 
 
 def test_messages_of_zmq_build_in_the_classes_of_another_library():
