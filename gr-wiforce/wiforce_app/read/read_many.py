@@ -95,8 +95,7 @@ def _say(text):
 
 
 def _run(tasks, jobs, journal, summary):
-    sizes = [_size(task) for task in tasks]
-    with progress(f"reading {len(tasks)} captures", sum(sizes)) as step:
+    with progress(f"reading {len(tasks)} captures", len(tasks)) as step:
         # Closed at once when interrupted, so that no worker goes on.
         with contextlib.closing(run_tasks(read_capture_file, tasks, jobs)) as outcomes:
             for outcome in outcomes:
@@ -106,7 +105,7 @@ def _run(tasks, jobs, journal, summary):
                 else:
                     journal.note(task.name, error=str(outcome.error))
                 summary.note(task, outcome)
-                step(sizes[outcome.index])
+                step(1)
 
 
 def _keep(journal, task, report):
@@ -203,14 +202,6 @@ def _folder_of(output):
         rule = "must be a folder, or a file that ends in .parquet, for several captures"
         raise InputError("--output", rule, output)
     return folder
-
-
-def _size(task):
-    """Size of the samples, which the time to read them is proportional to."""
-    for path in (f"{task.path}.sigmf-data", task.path):
-        with contextlib.suppress(OSError):
-            return os.stat(path).st_size
-    return 0
 
 
 @dataclass(frozen=True)

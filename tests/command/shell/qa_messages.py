@@ -33,7 +33,7 @@ CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
         (
             "1,2\n",
             ["read", "file.csv"],
-            "is a file of readings, not a capture; pandas loads it",
+            "is not a capture: there is no file.csv.sigmf-meta; for raw samples, give their type",
         ),
         (HEADER, ["simulate", "press.sigmf-meta", "x"], "is a file of a capture; a scene is a"),
         (HEADER, ["plan", "tabeltop"], "shipped scene (did you mean 'tabletop'? gr-wiforce list"),

@@ -104,8 +104,6 @@ def test_commands_for_samples_say_that_the_file_holds_snapshots(tmp_path):
     done = run_command("survey", "a.npz", cwd=tmp_path)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "a.npz: holds channel snapshots, which only `read` and `check` take" in done.stderr
-    said = refused("read", "a", "--scene", "wifi_packets", cwd=tmp_path)
-    assert "a: no such capture; channel snapshots are in a.npz" in said
 
 
 def test_size_and_unit_of_the_channel_do_not_matter(tmp_path):

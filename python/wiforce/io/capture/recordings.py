@@ -10,7 +10,6 @@ import numpy as np
 
 from ...errors import InputError
 from ...signal.carrier import same_carrier
-from ..files import format_of
 from .names import files_of
 from .samples import DATATYPES, samples_of
 from .sigmf_metadata import read_metadata
@@ -120,17 +119,9 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
             f"is not a capture: there is no {meta.name}; for raw samples, give their type "
             "(--datatype ci16_le or cf32_le) and scene (--scene)"
         )
-        if format_of(path) is not None:
-            rule = "is a file of readings, not a capture; pandas loads it (docs/outputs.md)"
         if path.suffix == ".npz":
             rule = "holds channel snapshots, which only `read` and `check` take; this needs samples"
         raise InputError(path, rule)
-    snapshots = path.with_name(f"{path.name}.npz")
-    if not meta.exists() and not data.exists() and snapshots.is_file():
-        raise InputError(path, f"no such capture; channel snapshots are in {snapshots.name}")
-    if data.is_file() and not meta.exists():
-        rule = "no such file; for samples without metadata, give --datatype and --scene"
-        raise InputError(meta, rule)
     for file in (meta, data):
         _check_file(file)
     return _open_sigmf(meta, data)
@@ -139,12 +130,6 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
 def _open_raw(path: Path, datatype: str) -> Capture:
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
-    if not path.exists() and path.with_name(f"{path.name}.sigmf-data").exists():
-        rule = (
-            "no such file; raw samples need the name of their file, and a SigMF capture no "
-            "--datatype"
-        )
-        raise InputError(path, rule)
     _check_file(path)
     samples = _count(path, datatype, path.stat().st_size)
     return Capture(path, datatype, None, None, (Segment(0, 0, samples),))
