@@ -53,6 +53,8 @@ def test_read_rows_join_with_the_truth_by_time_and_by_group(capture, tmp_path):
     assert [row["time_s"] for row in read] == [row["time_s"] for row in truth]
     assert any(len(row["time_s"].partition(".")[2]) > 6 for row in truth)
     assert [int(row["group"]) for row in read] == list(range(len(truth)))
+    groups = wiforce.read(capture)["group"]
+    assert groups.dtype == np.int64 and groups.tolist() == list(range(len(truth)))
 
 
 def test_read_parquet_and_mcap_hold_the_rows_of_csv_and_their_scene(capture, tmp_path):
@@ -76,32 +78,6 @@ def test_read_parquet_and_mcap_hold_the_rows_of_csv_and_their_scene(capture, tmp
     assert described[b"wiforce:version"]
 
 
-def test_read_function_gives_group_as_an_integer(capture):
-    readings = wiforce.read(capture)
-    assert readings["group"].dtype == np.int64
-    assert readings["group"].tolist() == list(range(len(readings)))
-
-
-def links_of(target, folder, suffix):
-    """The three names by which a file can be meant twice: its own, a symlink and a hard link."""
-    symbolic, hard = folder / f"symbolic{suffix}", folder / f"hard{suffix}"
-    symbolic.symlink_to(target)
-    hard.hardlink_to(target)
-    return symbolic, hard
-
-
-@pytest.mark.parametrize("suffix", [".sigmf-data", ".sigmf-meta", ".truth.csv"])
-def test_read_output_that_is_the_capture_is_refused(capture, tmp_path, suffix):
-    """A 150 MB capture became 1 kB of CSV."""
-    target = capture.with_name(capture.name + suffix)
-    before = target.read_bytes()
-    for option, ending in (("-o", ".csv"), ("--plot", ".png")):
-        for link in links_of(target, tmp_path, ending):
-            said = refused("read", capture, option, link)
-            assert "is the same file as the input" in said
-    assert target.read_bytes() == before
-
-
 def test_read_output_that_is_the_scene_or_a_raw_capture_is_refused(capture, tmp_path):
     scene = tmp_path / "scene.csv"
     scene.write_text(yaml.safe_dump(SCENE))
@@ -117,6 +93,9 @@ def test_read_output_that_is_the_scene_or_a_raw_capture_is_refused(capture, tmp_
 @pytest.mark.parametrize(
     "arguments, target, ending",
     [
+        (["read", "press", "-o"], "press.sigmf-data", ".csv"),
+        (["read", "press", "--plot"], "press.sigmf-meta", ".png"),
+        (["read", "press", "-o"], "press.truth.csv", ".csv"),
         (["invert", "phases.csv", "--sensor", "own.yaml", "-o"], "phases.csv", ".csv"),
         (["invert", "phases.csv", "--sensor", "own.yaml", "-o"], "own.yaml", ".csv"),
         (["calibrate", "vna.csv", "-o"], "vna.csv", ".yaml"),
@@ -126,14 +105,17 @@ def test_read_output_that_is_the_scene_or_a_raw_capture_is_refused(capture, tmp_
     ],
 )
 def test_command_output_that_is_an_input_is_refused(capture, tmp_path, arguments, target, ending):
+    """A 150 MB capture became 1 kB of CSV."""
     (tmp_path / "phases.csv").write_text("phase1_deg,phase2_deg\n-100,-110\n")
     (tmp_path / "vna.csv").write_text("freq_mhz,location_mm,port,force_n,phase_deg\n900,,1,0,5\n")
     write_sensor(load_sensor("line-900mhz"), tmp_path / "own.yaml")
-    for suffix in (".sigmf-data", ".sigmf-meta"):
+    for suffix in (".sigmf-data", ".sigmf-meta", ".truth.csv"):
         shutil.copy(f"{capture}{suffix}", tmp_path / f"press{suffix}")
     before = (tmp_path / target).read_bytes()
-    for link in links_of(tmp_path / target, tmp_path, ending):
-        said = refused(*arguments, link.name, cwd=tmp_path)
+    (tmp_path / f"symbolic{ending}").symlink_to(target)
+    (tmp_path / f"hard{ending}").hardlink_to(tmp_path / target)
+    for link in ("symbolic", "hard"):
+        said = refused(*arguments, f"{link}{ending}", cwd=tmp_path)
         assert "is the same file as the input" in said
     assert (tmp_path / target).read_bytes() == before
 

@@ -18,6 +18,7 @@ from csi_files import (
 )
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.csi_tools import check_tool, open_csi, sent_subcarriers, tool_of
+from long_cases import cases
 
 pytest.importorskip("csiread")
 
@@ -111,7 +112,7 @@ def test_esp32_header_odd_lines_and_other_senders_are_left_out(tmp_path):
         open_csi(tmp_path / "a.csv", mac="11:22:33:44:55:67")
 
 
-@pytest.mark.parametrize("header", ["seq", "id"])
+@pytest.mark.parametrize("header", cases("seq", long=("id",)))
 def test_two_esp32_on_one_crystal_are_two_antennas(header, tmp_path):
     """esp-crab: each device prints lines of its own, and misses packets of its own."""
     values = values_of(64, 2, 100)
@@ -172,11 +173,10 @@ def test_broken_files_and_unknown_tools_are_refused_in_one_line(tmp_path):
     (tmp_path / "text.dat").write_text("no CSI at all\n" * 50)
     noise = np.random.default_rng(1).bytes(20_000)
     (tmp_path / "noise.dat").write_bytes(noise)
-    for name in ("text.dat", "noise.dat", "nowhere.dat"):
-        for tool in ("intel", "nexmon/4358/80"):
-            with pytest.raises(InputError, match=name) as caught:
-                open_csi(tmp_path / name, tool)
-            assert "\n" not in str(caught.value)
+    for name, tool in (("text", "intel"), ("noise", "nexmon/4358/80"), ("nowhere", "intel")):
+        with pytest.raises(InputError, match=f"{name}.dat") as caught:
+            open_csi(tmp_path / f"{name}.dat", tool)
+        assert "\n" not in str(caught.value)
     for tool in ("", "picoscenes", "nexmon", "nexmon/4358/60"):
         with pytest.raises(InputError, match="--csi-tool: must be one of"):
             check_tool(tool)
