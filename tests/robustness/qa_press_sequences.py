@@ -87,6 +87,12 @@ def test_a_force_that_changes_goes_on_while_the_supply_fails():
     assert not found.wrong and found.counts["unflagged"] > 150, str(found)
 
 
+def test_a_force_that_rises_while_a_hand_moves_is_doubted_in_short_groups():
+    """Both were told apart anew in each group, as if they erred by something else each time."""
+    found = score([8], 63, "hand")
+    assert not found.wrong and found.counts["unflagged"] > 1000, str(found)
+
+
 @pytest.mark.parametrize("family, seed", [("brownouts", 49), ("warm", 54)])
 def test_a_line_that_is_doubted_reads_no_press_confidently(family, seed):
     """A supply that fails, and a line that a finger warms."""
