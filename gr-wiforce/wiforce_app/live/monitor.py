@@ -97,7 +97,7 @@ class SessionMonitor:
             f"{session.time_s:.1f} s",
             f"{session.samples / elapsed / 1e6:.2f} Msps",
             f"{session.gaps} gaps",
-            session.reader.counts.short(),
+            str(session.reader.counts),
             f"peak {20 * math.log10(max(session.take_peak(), 1e-5)):.0f} dBFS",
         ]
         tare = session.reader.stream.tares.state

@@ -204,7 +204,6 @@ class GroupCounts:
     reference: int = 0
     # In which something began, ended or changed, or the tag was received in a part only.
     changing: int = 0
-    interfered: int = 0  # that lack snapshots because of interference
     # Of the other flagged groups and the saturated ones, by word.
     flags: Counter[str] = field(default_factory=Counter)
     # Those of the reference in which a sensor was touched, by its name.
@@ -212,13 +211,11 @@ class GroupCounts:
 
     def note(self, readings: Iterable[Reading]) -> None:
         """Count one group by its readings, one per sensor."""
-        flags, interfered = set[str](), False
+        flags = set[str]()
         for reading in readings:
             flags.update(reading.flags)
-            interfered |= bool(reading.interference)
             if reading.touch and _REFERENCE in reading.flags:
                 self.touched[reading.sensor] += 1
-        self.interfered += interfered
         if not flags:
             self.clear += 1
             return
@@ -255,21 +252,10 @@ class GroupCounts:
         keys = "clear", "flagged", "dropped", "reference", "changing"
         return {key: getattr(self, key) for key in keys}
 
-    def short(self) -> str:
-        """Number of groups by outcome, in words."""
-        return f"{_groups(self.groups)}: {outcome_words(self.asdict())}"
-
     def __str__(self) -> str:
         words = [flag.word for flag in Flag if self.flags[flag.word]]
         named = ", ".join(f"{self.flags[word]} {word}" for word in words)
-        text = f"{_groups(self.groups)}: {outcome_words(self.asdict(), f' ({named})')}"
-        if not self.interfered:
-            return text
-        # An edge of a press within a frame, as simulations have it, looks like another transmitter
-        # as well.
-        causes = "another transmitter or by a sudden touch or release"
-        lacking = f"{_groups(self.interfered)} ({self.interfered / self.groups:.0%})"
-        return f"{text}; {lacking} lacked snapshots hit by {causes}"
+        return f"{_groups(self.groups)}: {outcome_words(self.asdict(), f' ({named})')}"
 
 
 def _groups(count: int) -> str:

@@ -144,18 +144,6 @@ def test_open_writer_unusable_path_is_named(tmp_path, name):
         open_writer(tmp_path / name)
 
 
-def test_group_counts_name_groups_with_interference():
-    """What `read` prints at the end tells that other transmitters are in the room."""
-    counts = GroupCounts()
-    counts.note([Reading(0.018, "arm", interference=0.0)])
-    assert str(counts) == "1 group: 1 usable"
-    counts.note([Reading(0.054, "arm", interference=0.25)])
-    assert str(counts).startswith(
-        "2 groups: 2 usable; 1 group (50%) lacked snapshots hit by another"
-    )
-    assert Reading(0.054, "arm", interference=0.25).row()["interference"] == 0.25
-
-
 def test_group_counts_name_sensors_that_were_touched_in_the_reference():
     """A press that began within the reference was read without a word."""
     counts = GroupCounts()
@@ -172,6 +160,8 @@ def test_group_counts_name_saturation_first():
     counts.note([Reading(0.018, "arm", flags=("saturated", "transition"))])
     counts.note([Reading(0.054, "arm", flags=("saturated", "reference"))])
     assert str(counts) == "2 groups: 0 usable, 2 doubtful (2 saturated)"
+    counts.note([Reading(0.09, "arm")])
+    assert str(counts) == "3 groups: 1 usable, 2 doubtful (2 saturated)"
 
 
 GROUP_S = 0.036
