@@ -209,6 +209,7 @@ MISTAKES = [
     (changed("captures", "core:global_index", 1.5), "core:global_index: .*1.5 is not of type"),
     (changed("captures", "core:frequency", float("nan")), "core:frequency: .*nan is not a number"),
     (changed("captures", "core:frequency", float("inf")), "core:frequency: .*inf is not a number"),
+    (changed("captures", "core:global_index", 10**400), "core:global_index: .*1000.* is not a num"),
     (VALID | {"captures": [3]}, "captures: 0: .*3 is not of type 'object'"),
     (VALID | {"captures": [{}]}, "captures: 0: .*'core:sample_start' is missing"),
     (VALID | {"captures": CAPTURES[::-1]}, "captures: .*must not decrease"),
@@ -225,6 +226,14 @@ def test_read_metadata_names_the_key_that_breaks_a_rule(tmp_path, whole, rule):
     """A mistake would appear later, as a wrong reading or a traceback."""
     (tmp_path / "x.sigmf-meta").write_text(json.dumps(whole))
     with pytest.raises(InputError, match=rule):
+        read_metadata(tmp_path / "x.sigmf-meta")
+
+
+def test_read_metadata_key_given_twice_is_named(tmp_path):
+    """The last one was taken, which need not be the one that is meant."""
+    text = '{"global": {"core:datatype": "cf32_le", "core:datatype": "ci16_le"}, "captures": []}'
+    (tmp_path / "x.sigmf-meta").write_text(text)
+    with pytest.raises(InputError, match="key 'core:datatype' is given more than once"):
         read_metadata(tmp_path / "x.sigmf-meta")
 
 

@@ -6,7 +6,6 @@ The package ``sigmf`` writes the same, but no Debian release has it. The tests c
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +17,8 @@ SPECIFICATION = "1.2.6"
 MAX_METADATA_BYTES = 8_000_000
 _CHUNK_BYTES = 1 << 20
 _SECTIONS = ("global", "captures", "annotations")
+# Integers of SigMF's schema fit into 64 bits with a sign; Python reads any number of digits.
+_LARGEST = 2**63 - 1
 
 
 class _Rule(NamedTuple):
@@ -39,7 +40,7 @@ _GLOBAL = {
 }
 _CAPTURE = {
     "core:sample_start": _COUNT,
-    "core:frequency": _Rule("number", -math.inf),
+    "core:frequency": _Rule("number", -_LARGEST),
     "core:global_index": _COUNT,
     "core:header_bytes": _COUNT,
 }
@@ -55,7 +56,7 @@ _TYPES: dict[str, tuple[type, ...]] = {
 def read_metadata(path: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, Any]]]:
     """The ``global`` and the ``captures`` of a metadata file; InputError names a key."""
     try:
-        parsed = json.loads(read_bytes(path, MAX_METADATA_BYTES))
+        parsed = json.loads(read_bytes(path, MAX_METADATA_BYTES), object_pairs_hook=_unique)
     except InputError:
         raise
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
@@ -77,6 +78,16 @@ def read_metadata(path: Path) -> tuple[Mapping[str, Any], Sequence[Mapping[str, 
     return whole, captures
 
 
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of JSON, of which Python would keep the last of equal keys without a word."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in found if keys.count(key) > 1)
+        raise ValueError(f"key {_shown(twice)} is given more than once")
+    return found
+
+
 def _check_object(
     path: Path, where: str, values: Any, rules: Mapping[str, _Rule], required: str
 ) -> None:
@@ -92,9 +103,9 @@ def _check_value(path: Path, where: str, value: Any, rule: _Rule) -> None:
     valid = isinstance(value, _TYPES[rule.kind]) and not isinstance(value, bool)
     asked = f"of type '{rule.kind}'"
     if valid and rule.kind in ("integer", "number"):
-        # Python reads NaN and Infinity, which JSON does not have.
-        valid = math.isfinite(value) and value >= rule.lowest
-        asked = f"a number from {rule.lowest:g} on"
+        # NaN, which JSON does not have but Python reads, is outside of every range.
+        valid = rule.lowest <= value <= _LARGEST
+        asked = f"a number from {rule.lowest:g} to {_LARGEST:g}"
     if not valid:
         raise InputError(path, f"{where}is not valid SigMF ({_shown(value)} is not {asked})")
 
