@@ -3,6 +3,7 @@
 
 import os
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,7 @@ def with_floats(path):
 _PART = 10_000_000  # numbers converted at a time
 
 
+@cache
 def _groups(bursts):
     """Codes (_KINDS, 2 GROUP_SAMPLES) of groups, and frames without bursts (_KINDS, 625)."""
     rng = np.random.default_rng(1)
