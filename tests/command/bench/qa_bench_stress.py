@@ -14,11 +14,16 @@ from wiforce_app.bench import stress
 from wiforce_app.bench.stress import read_case
 from wiforce_app.shell.tables import table
 
-# All rows but the searches, those of the JSON test and of clutter between others.
+# All rows but the searches, those of the JSON test and of clutter and sensors between others.
+LEFT_OUT = (
+    *stress._SEARCHES,
+    *(f"static clutter +{db} dB" for db in (40, 60, 80)),
+    *(f"inversion, {name}" for name in ("paper-900mhz", "paper-2400mhz", "line-2400mhz")),
+)
 ROWS = [
     pytest.param(task, id=f"{task.name}-{task.path}")
     for task in stress.tasks_of(search=1)
-    if task.name not in (*stress._SEARCHES, *(f"static clutter +{db} dB" for db in (40, 60, 80)))
+    if task.name not in LEFT_OUT
 ]
 # Groups that a stress may cost: those that are hurt, or read before a clock is acquired again.
 DISCARDED = {"samples that are not": 1, "level 10^4 times up": 6, "a week between": 8}
