@@ -62,8 +62,8 @@ def test_laws_it_never_saw_are_read_between_calibrated_locations(tmp_path, law, 
 
 def test_intervals_hold_the_truth_over_many_calibrations(tmp_path):
     held = {"force": [], "location": []}
-    for seed in range(6):
-        law = LAWS[seed % 3]
+    for seed in range(3):
+        law = LAWS[seed]
         rng = np.random.default_rng(100 + seed)
         rows = vna_rows(law, 900e6, np.linspace(2, 8, 30), 0.2, rng)
         model = calibrate(read_vna_csv(written(tmp_path / "vna.csv", rows)), "own", form="power")
@@ -80,7 +80,7 @@ def test_curves_through_six_forces_still_know_the_noise_of_their_table():
     true = load_sensor("line-900mhz")
     at = [axis.ravel() for axis in np.meshgrid(np.arange(1.5, 8), np.arange(22.0, 60, 6))]
     inside = []
-    for seed in range(4):
+    for seed in range(2):
         table = measure_vna(true, [20.0, 30.0, 40.0, 50.0, 60.0], forces, noise_deg, seed)
         model = calibrate(table, "arm")
         assert "suspicions" not in model.provenance

@@ -78,7 +78,7 @@ def test_what_the_model_errs_by_is_not_averaged_away():
     model, line = load_sensor("line-900mhz-calibrated"), load_sensor("line-900mhz")
     rng = np.random.default_rng(3)
     z_force, z_place = [], []
-    for _ in range(6):
+    for _ in range(3):
         force, place = a_press(rng)
         phases = line.phases_deg(force, place) + 0.1 * rng.standard_normal((len(force), 2))
         found = followed(model, phases, 0.1)
