@@ -47,7 +47,7 @@ _RATE_TOLERANCE = 1e-6
 
 def require_rate(where: str, actual_hz: float, rate_hz: float) -> None:
     """Refuse a sample rate, of ``where`` it is stated, instead of which a device takes another."""
-    if abs(actual_hz - rate_hz) > _RATE_TOLERANCE * rate_hz:
+    if not abs(actual_hz - rate_hz) <= _RATE_TOLERANCE * rate_hz:  # nor a driver that states NaN
         rule = f"must be a rate that the device supports (nearest: {actual_hz:.9g} Hz)"
         raise InputError(where, rule, rate_hz)
 
