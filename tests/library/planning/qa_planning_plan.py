@@ -121,11 +121,11 @@ def test_steps_operations_equal_hand_count():
 SHORT = {
     "simulation": {
         "truth_model": "line-900mhz",
-        "duration_s": 1.0,
+        "duration_s": 1.6,
         "snr_db": -5,
         "static_clutter_db": 40,
         "presses": [
-            {"start_s": 0.35, "rise_s": 0.05, "hold_s": 0.5, "force_n": 5.0, "location_mm": 30.0}
+            {"start_s": 0.35, "rise_s": 0.05, "hold_s": 1.05, "force_n": 5.0, "location_mm": 30.0}
         ],
     },
     "reference_s": 0.3,
@@ -139,7 +139,10 @@ SECOND = {
         "snr_db": 0,
         "moving_clutter_db": 20,
         "seed": 4,
-        "presses": [{**SHORT["simulation"]["presses"][0], "force_n": 3.0, "location_mm": 52.0}],
+        "duration_s": 1.0,
+        "presses": [
+            SHORT["simulation"]["presses"][0] | {"hold_s": 0.5, "force_n": 3.0, "location_mm": 52.0}
+        ],
     },
 }
 
