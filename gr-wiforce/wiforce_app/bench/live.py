@@ -88,23 +88,16 @@ _HELD_S, _PAUSE_S = 0.3, 0.35
 _START_LIMIT_S = 30.0
 
 
-# The delay is that from the last sample of a group, as it was sent by the device, to the group's
-# message in another process; a part of it follows the last sample of the next group, which a
-# reading waits for. The speed is seconds of signal per second: below 1, the software N210 took
-# longer for the samples of a group than the group lasts, and so did the wait for the next group.
-# Cores are processor time per second of signal, of the live reader and of its process that has the
-# device, without the software N210, which takes more than both.
+# The delay is that from the last sample of the next group, which a reading waits for, as it was
+# sent by the device, to the group's message in another process. Cores are processor time per second
+# of signal, of the live reader and of its process that has the device, without the software N210,
+# which takes more than both.
 COLUMNS = (
     Column("Msps", "msps", "g"),
     Column("group (ms)", "group_ms", ".2f"),
-    Column("speed", "speed", ".2f"),
     Column("readings", "readings"),
-    Column("delay (ms)", "delay_ms", ".1f"),
-    Column("95 %", "delay_95_ms", ".1f"),
-    Column("99 %", "delay_99_ms", ".1f"),
-    Column("of it after the next group (ms)", "work_ms", ".1f"),
+    Column("delay after the next group (ms)", "work_ms", ".1f"),
     Column("95 %", "work_95_ms", ".1f"),
-    Column("presses", "presses"),
     Column("press to message (ms)", "press_ms", ".1f"),
     Column("95 %", "press_95_ms", ".1f"),
     Column("reader (cores)", "reader_cores", ".2f"),
@@ -167,30 +160,25 @@ def _measure(msps, presses, step):
                     pressed_s.append(_press(device, messages, rng))
                     sent += device.command("sent")["sent_s"]
                     step(1)
-                signal_s, time_s, *cores_s = _counters(device, reader.pid) - before
+                signal_s, *cores_s = _counters(device, reader.pid) - before
             reader.terminate()
             reader.wait()
-    delay_s = delays_s(messages.readings, sent, group_s / 2)
     work_s = delays_s(messages.readings, sent, 3 / 2 * group_s)
     return {
         "msps": float(msps),
         "group_ms": 1e3 * group_s,
-        "speed": round(signal_s / time_s, 3),
-        "readings": len(delay_s),
-        **_quantiles_ms("delay", delay_s, 99),
+        "readings": len(work_s),
         **_quantiles_ms("work", work_s),
-        "presses": presses,
         **_quantiles_ms("press", pressed_s),
         "reader_cores": round(cores_s[0] / signal_s, 3),
         "radio_cores": round(cores_s[1] / signal_s, 3),
     }
 
 
-def _quantiles_ms(name, values_s, *more):
-    """Median, 95 % and more quantiles as entries of a row."""
-    found = np.percentile(values_s, [50, 95, *more])
-    keys = [f"{name}_ms", *(f"{name}_{percent}_ms" for percent in (95, *more))]
-    return dict(zip(keys, (1e3 * found).round(2).tolist(), strict=True))
+def _quantiles_ms(name, values_s):
+    """Median and 95 % quantile as entries of a row."""
+    found = (1e3 * np.percentile(values_s, [50, 95])).round(2).tolist()
+    return dict(zip((f"{name}_ms", f"{name}_95_ms"), found, strict=True))
 
 
 def delays_s(readings, sent, after_s):
@@ -219,8 +207,8 @@ def _press(device, messages, rng):
 
 
 def _counters(device, pid):
-    """Signal, time, and processor time of the reader and of its children, in s; (4,)."""
-    return np.array([device.command("status")["streaming_s"], time.monotonic(), *_processor_s(pid)])
+    """Signal, and processor time of the reader and of its children, in s; (3,)."""
+    return np.array([device.command("status")["streaming_s"], *_processor_s(pid)])
 
 
 def _processor_s(pid):
