@@ -6,11 +6,8 @@ from dataclasses import asdict, dataclass, field
 
 import click
 from gnuradio.wiforce.estimation.capture.frame import MARGIN, describe_frames, measure_levels
-from gnuradio.wiforce.estimation.room.survey import survey_samples
 from gnuradio.wiforce.io.capture.samples import samples_of
-from gnuradio.wiforce.planning.adaptation import adapted
 from gnuradio.wiforce.planning.advice import licence_note, outside_band
-from gnuradio.wiforce.planning.findings import findings as findings_of
 from gnuradio.wiforce.planning.findings import measure_tag, wrong_clocks
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
@@ -143,18 +140,8 @@ def _measure(findings, scene, session, samples):
     groups = session.latest
     for index, sensor in enumerate(scene.sensors):
         findings.sensors.append(measure_tag(sensor.name, index, groups))
-    # The common phase of a free-running oscillator hides what else is in the room.
-    if scene.environment.reader_clock == "shared":
-        _survey(findings, scene, samples)
-
-
-def _survey(findings, scene, samples):
-    """Note what samples show besides the scene's tags; nothing where they are too short."""
-    settings = plan(scene)
-    mains_hz = scene.environment.possible_mains_hz
-    found = survey_samples(samples, settings.waveform, settings.clocks, mains_hz)
-    findings.room = findings_of(found, settings, adapted(settings, found))
-    findings.wrong_clocks = wrong_clocks(found, settings)
+    findings.room = session.reader.findings or []
+    findings.wrong_clocks = wrong_clocks(session.reader.stream.survey, plan(scene))
 
 
 def advice_on(findings: Findings, scene: Scene) -> list[str]:

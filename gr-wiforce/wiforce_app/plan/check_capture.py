@@ -76,8 +76,7 @@ def _of_sensor(tag, sensor, others, wrong):
         yield f"{sensor.name}: the expected phase error is {error}: {wrong or remedy}"
 
 
-# Levels need few frames; the survey of the room, at a device, at least 0.1 s of them.
-LEVEL_FRAMES = 4000
+LEVEL_FRAMES = 4000  # levels need no more
 _PART_BYTES = 1 << 20
 
 

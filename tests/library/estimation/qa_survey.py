@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.room.sources import RoomLine
-from gnuradio.wiforce.estimation.room.survey import survey_channel, survey_samples
+from gnuradio.wiforce.estimation.room.survey import survey_channel
 from gnuradio.wiforce.planning.adaptation import (
     adapted,
     added_noise,
@@ -257,17 +257,6 @@ def test_unusable_channel_gives_no_survey():
     silent = room()
     silent[:, 5] = 0
     assert survey_channel(silent, WAVEFORM, clocks) is None
-
-
-def test_survey_of_samples_equals_that_of_their_channel():
-    """``check`` surveys samples, ``read`` folded frames: both must show the same room."""
-    rng = np.random.default_rng(3)
-    frames = np.tile(WAVEFORM.frame(), (2500, 1))
-    gain = 1 + 0.01 * np.cos(2 * np.pi * 1300 * T * np.arange(2500))
-    samples = gain[:, None] * frames
-    samples = (samples + 0.01 * rng.standard_normal(samples.shape)).ravel()
-    (line,) = survey_samples(samples, WAVEFORM, [TagClock(1040.0)]).sources
-    assert line.fundamental_hz == pytest.approx(1300, abs=0.2)
 
 
 # Noise of a room in the weights.

@@ -17,7 +17,6 @@ from ...signal.lines import RoomNoise, aliased_hz
 from ...signal.switching import line_envelope
 from ...signal.waveform import Waveform
 from ...wiforce_kernels import chi_squared_limit
-from ..capture.frame import whole_frames
 from ..clocks.tracked_tag import TagClock
 from ..groups import Array
 from .clock_lines import ClockLine, find_clocks, vertex
@@ -255,21 +254,6 @@ def _medians(rows: Array, of: Array | None = None) -> Array:
     rows.partition(middle)
     medians: Array = rows[:, middle].mean(axis=1)
     return medians
-
-
-def survey_samples(
-    samples: Array,
-    waveform: Waveform,
-    clocks: Sequence[TagClock],
-    mains_hz: Sequence[float] = MAINS_HZ,
-) -> Survey | None:
-    """As :func:`survey_channel`, from untouched samples that begin with a frame and have no gap."""
-    length, first = waveform.frame_length, waveform.first_averaged
-    count, width = waveform.repetitions, waveform.symbol_length
-    frames = whole_frames(samples, length)
-    averaged = frames[:, first : first + count * width]
-    folded = averaged.reshape(-1, count, width).mean(axis=1)
-    return survey_folded(folded, waveform, clocks, mains_hz)
 
 
 def survey_folded(
