@@ -299,12 +299,6 @@ class Skin:
         low, high = np.array(spans).T
         return float(low.max()), float(high.min())
 
-    @property
-    def top_force_n(self) -> float:
-        """Force that the calibration of the strips reaches wherever it is applied."""
-        top = min(strip.model.force_span_n[1] for strip in self.strips)
-        return top / max(float(self.spreading.mean_share(0.0)), 1e-3)
-
     def shares(self, y_mm: Array | list[float]) -> Array:
         """Share of each strip of presses at some y; shape (..., S)."""
         y = np.asarray(y_mm, float)

@@ -205,6 +205,15 @@ def test_simulated_card_flips_steps_and_rounds(tmp_path):
     assert 5.0 < np.ptp(np.quantile(gain_db, [0.05, 0.95])) < 10.0
 
 
+def test_simulated_antennas_wander_by_the_stated_deviations(tmp_path):
+    effects = {"antenna_wander_db": 1.0, "antenna_wander_deg": 10.0}
+    found = simulated(tmp_path, {"interval_s": 0.002}, 45, **effects)
+    ratio = np.mean(found.channel[:, :, 1] / found.channel[:, :, 0], axis=1)
+    assert np.std(20 * np.log10(np.abs(ratio))) == pytest.approx(1.0, rel=0.15)
+    turns = np.angle(ratio / ratio.mean(), deg=True)
+    assert np.std(turns) == pytest.approx(10.0, rel=0.15)
+
+
 def test_packet_survey_finds_snr_phases_and_the_clock_of_a_tag():
     rng = np.random.default_rng(1)
     one, states = np.ones((400, 8, 2), complex), AntennaStates(np.zeros(400, int), 0)

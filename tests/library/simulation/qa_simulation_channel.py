@@ -241,3 +241,11 @@ def test_touch_state_follows_presses_of_scene():
     places = [np.nan, 45, 45, 45, 45, 45, np.nan, 30, 30, 30, np.nan]
     np.testing.assert_array_equal(state.location_mm, places)
     np.testing.assert_array_equal(state.touch, np.array(forces) >= 0.9)
+
+
+def test_hand_trembles_by_the_stated_deviation_while_it_holds():
+    press = {"start_s": 0.5, "rise_s": 0.1, "hold_s": 5.0, "force_n": 4, "location_mm": 45}
+    channel = AirChannel(scene(presses=[press | {"tremor_n": 0.2}]))
+    force_n = channel.touch_state(np.arange(0.6, 5.5, 0.01))["s0"].force_n
+    assert np.std(force_n - 4) == pytest.approx(0.2, rel=0.05)
+    assert np.mean(force_n) == pytest.approx(4, abs=0.02)
