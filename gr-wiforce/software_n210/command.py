@@ -7,19 +7,15 @@ import os
 import signal
 import stat
 import sys
-from contextlib import ExitStack, closing
+from contextlib import closing
 
 import click
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.network.zmq_sockets import Replies, endpoint_of, is_loopback
 
 from .cable import Cable
 from .device import Device
 from .faults import GRAMMAR, parse_fault
 from .wire import TICK_RATE
-
-# So that a flood of requests does not stop the streams.
-_REQUESTS_A_TURN = 10
 
 _USAGE = {
     "press": "press SENSOR FORCE_N LOCATION_MM",
@@ -127,22 +123,12 @@ def _in_background(descriptor):
         return False
 
 
-def _serve_requests(console, device, endpoint):
-    """Take the same lines as requests over ZMQ on loopback."""
-    if not is_loopback(endpoint_of(endpoint, "--control")):
-        rule = "must be a port or tcp://127.0.0.1:PORT; other machines have no access"
-        raise InputError("--control", rule, endpoint)
-    replies = Replies(endpoint, console.answer)
-    device.watch(replies.fileno(), lambda: replies.serve(_REQUESTS_A_TURN))
-    return replies
-
-
 _DEFAULT_DELAY_US = 5.12  # 64 samples at 12.5 Msps
 _MOST_DELAY_US = 1000.0
 
 
 @click.command(
-    epilog="While it runs it accepts lines on standard input and requests on --control: "
+    epilog="While it runs it accepts lines on standard input: "
     "'press SENSOR FORCE_N LOCATION_MM', 'release SENSOR', 'fault TIME KIND ...', "
     "'status', 'sent', 'stop'. Each is answered with a line of JSON."
 )
@@ -179,10 +165,7 @@ _MOST_DELAY_US = 1000.0
     show_default=True,
     help="Device seconds per second of wall time, at most.",
 )
-@click.option(
-    "--control", metavar="ENDPOINT", help="Accept requests by ZMQ: PORT or tcp://127.0.0.1:PORT."
-)
-def emulate(scene, bind, air, delay_us, faults, speed, control):
+def emulate(scene, bind, air, delay_us, faults, speed):
     """Run a software USRP N210 with SCENE on the air.
 
     Unmodified UHD programs open it with --args addr=127.0.0.1.
@@ -197,11 +180,8 @@ def emulate(scene, bind, air, delay_us, faults, speed, control):
         )
     except InputError as error:
         raise error.renamed(names) from error
-    with closing(device), ExitStack() as opened:
-        console = Console(device)
-        LineControl(console, device, sys.stdin.fileno(), sys.stdout)
-        if control:
-            opened.callback(_serve_requests(console, device, control).close)
+    with closing(device):
+        LineControl(Console(device), device, sys.stdin.fileno(), sys.stdout)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: device.stop())
         print(f"listening: N210 with an SBX, --args addr={bind}", flush=True)

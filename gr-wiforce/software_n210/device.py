@@ -149,10 +149,10 @@ class Device:
         self._sent = deque(maxlen=_KEPT_STEPS)
         self._stop = False
         self._port_of = {sock.fileno(): port for port, sock in self._sockets.items()}
-        self._callbacks, self._unfinished = {}, set()
+        self._callbacks = {}
 
-    def watch(self, descriptor: int, callback: Callable[[], bool | None]) -> None:
-        """Call ``callback()`` while a file descriptor is readable, at once again after True."""
+    def watch(self, descriptor: int, callback: Callable[[], None]) -> None:
+        """Call ``callback()`` while a file descriptor is readable."""
         self._callbacks[descriptor] = callback
 
     def unwatch(self, descriptor: int) -> None:
@@ -177,11 +177,10 @@ class Device:
         """Serve until `stop`."""
         wait_s = 0.0
         while not self._stop:
-            ready, _, _ = select.select(
-                [*self._port_of, *self._callbacks], [], [], 0 if self._unfinished else wait_s
-            )
+            ready, _, _ = select.select([*self._port_of, *self._callbacks], [], [], wait_s)
             self._link.serve({self._port_of.get(descriptor) for descriptor in ready})
-            self._call_back(ready)
+            for descriptor in self._callbacks.keys() & set(ready):
+                self._callbacks[descriptor]()
             wait_s = self._advance()
 
     def status(self) -> dict:
@@ -199,10 +198,6 @@ class Device:
         sent = list(self._sent)
         self._sent.clear()
         return sent
-
-    def _call_back(self, ready):
-        due = self._unfinished | (self._callbacks.keys() & set(ready))
-        self._unfinished = {descriptor for descriptor in due if self._callbacks[descriptor]()}
 
     def _advance(self):
         """Move device time on by at most one step; seconds to wait before the next."""

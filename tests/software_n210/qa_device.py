@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The software N210 as a guest on a machine: what it binds, ignores, and leaves behind."""
 
-import json
 import os
 import pty
 import signal
@@ -15,8 +14,6 @@ import numpy as np
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.network.zmq_sockets import request
-from machine import free_port
 from software_n210.cable import Cable
 from software_n210.device import Device
 from software_n210.faults import parse_fault
@@ -88,7 +85,6 @@ def test_device_address_in_use_refused(software_usrp):
         (["--air", "cable", "--fault", "1 lose"], "packets"),
         (["--air", "cable", "--fault", "1 melt"], "overflow"),
         (["--air", "cable", "--bind", "127.9.8.7", "--fault", "1 off arm"], "scene"),
-        (["--air", "cable", "--bind", "127.9.8.8", "--control", "tcp://*:5555"], "--control"),
         (["demo", "--air", "cable"], "SCENE"),
     ],
 )
@@ -157,6 +153,7 @@ SHELL = """
 import fcntl, os, subprocess, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 job = subprocess.Popen(sys.argv[1:], preexec_fn=os.setpgrp)
+print(job.pid, flush=True)
 _, status = os.waitpid(job.pid, os.WUNTRACED)
 print("stopped" if os.WIFSTOPPED(status) else "ended", flush=True)
 job.kill()
@@ -165,9 +162,7 @@ job.kill()
 
 def test_device_in_the_background_of_a_terminal_is_not_stopped_by_keys():
     """`emulate demo &` in a shell was stopped by the next command that was typed."""
-    port = free_port()
     device = ["-m", "wiforce_app.main", "emulate", "--air", "cable", "--bind", "127.0.211.8"]
-    device += ["--control", str(port)]
     shell, terminal = pty.openpty()
     with subprocess.Popen(
         [sys.executable, "-c", SHELL, sys.executable, *device],
@@ -177,10 +172,12 @@ def test_device_in_the_background_of_a_terminal_is_not_stopped_by_keys():
         text=True,
         start_new_session=True,
     ) as process:
+        job = int(process.stdout.readline())
         assert process.stdout.readline().startswith("listening")
-        for word in ("status", "status", "stop"):
+        for _ in range(3):
             os.write(shell, b"press arm 4 45\n")
-            assert json.loads(request(str(port), word, 60.0))["ok"]
+            assert ask("127.0.211.8")[4:8] == struct.pack(">I", ord("A"))
+        os.kill(job, signal.SIGTERM)
         assert process.stdout.readline() == "ended\n"
     os.close(shell)
     os.close(terminal)

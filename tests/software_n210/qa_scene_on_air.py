@@ -12,7 +12,6 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.simulator import capture
-from machine import free_port
 from software_n210.faults import parse_fault
 from software_n210.scene_air import SceneAir
 
@@ -161,23 +160,15 @@ def test_scene_air_faults_act_on_the_named_sensor(scene):
         device.air.sensor("leg")
 
 
-def test_emulate_control_accepts_lines_and_zmq_requests(software_usrp, scene_file):
-    zmq = pytest.importorskip("zmq")
-    endpoint = f"tcp://127.0.0.1:{free_port()}"
-    device = software_usrp(scene_file, "--control", endpoint)
+def test_emulate_accepts_lines(software_usrp, scene_file):
+    device = software_usrp(scene_file)
     answer = device.command("press arm 4.0 45.0")
     assert answer["ok"] and "this press ends when one starts" in answer["note"]
     assert device.command("status")["sensors"]["arm"]["force_n"] == 4.0
-    with zmq.Context() as context, context.socket(zmq.REQ) as client:
-        client.setsockopt(zmq.LINGER, 0)
-        client.setsockopt(zmq.RCVTIMEO, 10_000)
-        client.connect(endpoint)
-        for line, ok in (("release arm", True), ("press leg 1 1", False), ("dance", False)):
-            client.send_string(line)
-            assert json.loads(client.recv_string())["ok"] is ok
-        client.send_string("status")
-        assert json.loads(client.recv_string())["sensors"]["arm"]["force_n"] == 0.0
+    assert device.command("release arm") == {"ok": True}
     for line, rule in (
+        ("dance", "must be one of: press SENSOR"),
+        ("press leg 1 1", "must be one of the scene's"),
         ("press arm 4", "must have the form: press SENSOR"),
         ("press arm x 45", "with a decimal point"),
         ("press arm -1 45", "the force must be 0 to 1000 N, got -1"),
