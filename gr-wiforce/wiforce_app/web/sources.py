@@ -22,16 +22,14 @@ _TAIL_BYTES = 8 << 20
 # Most that one call reads, so that viewers are served meanwhile.
 _CHUNK_BYTES = 1 << 20
 _LONGEST_ROW = 100_000
-# A file that has not grown for this long is shown as paused; readings come 28 times per second.
-_PAUSED_S = 2.0
 _NEEDED = ("time_s", "sensor")
 
 
 class FileSource:
     """Reads a CSV or JSON lines file that is written meanwhile, absent, replaced or shortened."""
 
-    def __init__(self, path: str | Path, now: Callable[[], float] = time.monotonic):
-        self._path, self._now = Path(path), now
+    def __init__(self, path: str | Path):
+        self._path = Path(path)
         self.control = self.keys = None
         form = format_of(path)
         if form is None or not form.text:
@@ -40,14 +38,12 @@ class FileSource:
         self._file: BufferedReader | None = None
         self._columns: list[str] = []
         self._rest = b""
-        self._grown_s = now()
         self._sensors: dict[str, dict[str, Any]] = {}
         self._open()
 
     def poll(self, page_state: PageState) -> None:
         """Give the state what the file holds by now."""
         if data := b"" if self._file is None else self._file.read(_CHUNK_BYTES):
-            self._grown_s = self._now()
             *lines, self._rest = (self._rest + data).split(b"\n")
             if len(self._rest) > _LONGEST_ROW:  # no file of readings
                 self._rest = b""
@@ -112,13 +108,11 @@ class FileSource:
         return not same or found.st_size < self._file.tell()
 
     def _status(self) -> dict[str, Any]:
-        state, reason, idle_s = "reading", "", self._now() - self._grown_s
+        state, reason = "reading", ""
         if self._file is None:
             state, reason = "waiting", "the file does not exist yet"
         elif not self._sensors:
             state, reason = "waiting", "no readings in the file yet"
-        elif idle_s > _PAUSED_S:
-            state, reason = "paused", f"the file has not grown for {idle_s:.0f} s"
         status = {"state": state, "reason": reason, "sensors": self._sensors}
         return {"source": self._path.name, "can_tare": False, **status}
 
