@@ -2,7 +2,6 @@
 """``gr-wiforce live --web``: the page's process shows the readings, and never affects them."""
 
 import contextlib
-import os
 import signal
 import subprocess
 import sys
@@ -78,21 +77,6 @@ def test_live_page_shows_all_readings_and_how_the_run_ends(
     written = [page_row(row) for row in rows_of(output)]
     first = next(n for n, row in enumerate(written) if row[1] == rows[0][1])
     assert rows == written[first : first + len(rows)]
-
-
-@pytest.mark.long
-def test_live_page_that_dies_leaves_the_readings_alone(slow_device, slow_scene, tmp_path):
-    (port,) = free_ports(1)
-    output = tmp_path / "readings.csv"
-    with live(slow_device.args, slow_scene, "--web", port, "-o", output) as reader:
-        wait_until(lambda: page_process(reader) and output.exists() and len(rows_of(output)) > 5)
-        os.kill(page_process(reader), signal.SIGKILL)
-        before = len(rows_of(output))
-        wait_until(lambda: len(rows_of(output)) > before + 20)
-        reader.send_signal(signal.SIGTERM)
-        _, said = reader.communicate(timeout=300)
-    assert reader.returncode == 0
-    assert said.count("warning: the page has ended with status -9; readings go on") == 1
 
 
 def test_live_page_port_in_use_is_refused_before_the_device_is_opened(slow_scene, tmp_path):

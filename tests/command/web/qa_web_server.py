@@ -7,11 +7,10 @@ import urllib.request
 from contextlib import closing
 
 import pytest
-from command_runs import refused, run_command
+from command_runs import refused
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import COLUMNS, SURFACE_COLUMNS
-from machine import free_port
 from web_pages import RUN, RawViewer, publishing, serving, touched, untouched
 from wiforce_app.web.address import PageAddress
 from wiforce_app.web.page_state import ROW, PageState, loaded, page_row
@@ -70,16 +69,6 @@ def test_page_refuses_a_token_that_is_easily_guessed():
     with pytest.raises(InputError, match="--web-token: must be 16 to 128") as error:
         PageAddress.of("8080", "secret")
     assert "secret" not in str(error.value)
-
-
-def test_watch_port_in_use_is_refused_in_one_line(tmp_path):
-    port = free_port()
-    with closing(PageAddress.of(str(port)).listen()):
-        done = run_command("watch", "--web", port, tmp_path / "readings.csv")
-    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
-    assert (
-        f"--web: cannot be opened (Address already in use), got '127.0.0.1:{port}'" in done.stderr
-    )
 
 
 @pytest.mark.parametrize(

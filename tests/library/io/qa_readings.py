@@ -227,7 +227,7 @@ def test_append_after_a_power_failure_removes_only_the_incomplete_row(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["grip.csv", "grip.jsonl"])
-@pytest.mark.parametrize("content", ["a,b\n1,2\n", "dear diary", "time_s,sensor\n1,arm\n", "[1]\n"])
+@pytest.mark.parametrize("content", ["a,b\n1,2\n", "dear diary", "[1]\n"])
 def test_append_to_another_kind_of_file_refused_and_unchanged(tmp_path, name, content):
     path = tmp_path / name
     path.write_text(content)
@@ -304,13 +304,13 @@ def test_rotation_bad_limits_refused(limits, keep, words):
         Rotation.of(limits, keep)
 
 
-@pytest.mark.parametrize(
-    ("option", "more"),
-    [("--append", {"append": True}), ("--rotate", {"rotation": Rotation.of(["1h"])})],
-)
-def test_standard_output_cannot_be_continued(option, more):
-    with pytest.raises(InputError, match=f"{option}: needs a file"):
-        open_writer(None, **more)
+def test_standard_output_cannot_be_continued():
+    for option, more in (
+        ("append", {"append": True}),
+        ("rotate", {"rotation": Rotation.of(["1h"])}),
+    ):
+        with pytest.raises(InputError, match=f"--{option}: needs a file"):
+            open_writer(None, **more)
 
 
 @pytest.mark.parametrize("rotation", [Rotation(), Rotation(size_bytes=100)])
