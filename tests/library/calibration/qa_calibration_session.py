@@ -4,6 +4,7 @@
 import dataclasses
 import errno
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -58,13 +59,15 @@ def test_session_continues_where_it_was_interrupted(tmp_path):
     assert session.done() == (60, 60)
 
 
-def test_each_measurement_is_in_the_file_at_once(tmp_path):
+def test_each_measurement_is_in_the_file_at_once(tmp_path, monkeypatch):
     """Pulling the plug would lose what was measured."""
-    path = tmp_path / "arm.taps.csv"
+    path, on_disk = tmp_path / "arm.taps.csv", []
+    monkeypatch.setattr(os, "fsync", lambda file: on_disk.append(os.pread(file, 9999, 0)))
     session = CalibrationSession(PLAN, path)
     for count in range(1, 4):
         measure_all(session, 1)
         assert len(path.read_text().splitlines()) == 1 + count
+        assert path.read_bytes() == on_disk[-1]
     assert read_tap_csv(path, 900e6).force_n.tolist() == [1.0, 1.0, 1.5, 1.5, 2.0, 2.0]
 
 

@@ -111,6 +111,9 @@ def replacing(path: str | Path) -> Iterator[Path]:
     try:
         yield part
         if part.exists():
+            # A machine that fails would leave an empty file in place of the former one.
+            with part.open("rb") as file:
+                os.fsync(file.fileno())
             part.replace(path)
     except InputError as error:
         raise error.renamed({str(part): str(path)}) from None
