@@ -19,6 +19,7 @@ from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth import read_truth, score
 from long_cases import cases
+from plain import averaged_switches
 
 T, TA = 57.6e-6, 20.48e-6
 
@@ -26,15 +27,6 @@ T, TA = 57.6e-6, 20.48e-6
 def scene_of(sensors=None, **sections):
     sensor = {"name": "arm", "model": "line-900mhz-calibrated"}
     return load_scene({"sensors": sensors or [sensor], **sections})
-
-
-def square(cycles, half, centers):
-    """A switch averaged over a window, point by point."""
-    inside = (np.arange(400) + 0.5) / 200 - 1
-    cycles = cycles[:, None] + half * inside
-    away = [np.abs((cycles - c + 0.5) % 1 - 0.5) for c in centers]
-    width = 1 / 8 if len(centers) == 1 else 1 / 16
-    return sum((a < width).astype(float) for a in away).mean(axis=1)
 
 
 @pytest.mark.parametrize("harmonics, clutter_hz", [(8, 0.0), (12, 0.0), (8, 60.0)])
@@ -47,12 +39,7 @@ def test_line_loss_equals_least_squares_over_tones(harmonics, clutter_hz):
         for sign in (1, -1):
             hertz = 1000 * (1 + sign * 1e-4)
             times = table.times_s
-            s = np.column_stack(
-                [
-                    square(hertz * times + phase, hertz * TA / 2, centers)
-                    for centers in ((0.0,), (0.25, 0.75))
-                ]
-            )
+            s = averaged_switches(hertz * times + phase, hertz * TA, points=400)
             basis = np.hstack([s, clutter])
             whole = np.diag(np.linalg.inv(basis.conj().T @ basis).real)[:2]
             mixing, noise = table.weights @ s, table.weights @ table.weights.conj().T
