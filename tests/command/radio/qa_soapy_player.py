@@ -187,8 +187,3 @@ def test_live_transmitter_of_its_own_needs_two_antennas_and_says_so(played):
 def test_soapy_arguments_without_a_module_are_refused():
     with pytest.raises(InputError, match="^--args: must name the SoapySDR module, as driver=lime"):
         soapy._arguments("--args", "addr=127.0.0.254")
-
-
-def test_live_unknown_driver_is_refused():
-    said = refused("live", "--scene", "demo", "--args", "addr=1", "--driver", "hackrf")
-    assert "--driver" in said and "'uhd', 'soapy'" in said
