@@ -62,6 +62,7 @@ def test_stamps_gaps_lamps_and_a_single_antenna_are_advised_on(tmp_path):
     assert found["tag"]["may_be_a_lamp"] and "or a lamp, seen at 120." in text
 
 
+@pytest.mark.filterwarnings("ignore:.*encountered in:RuntimeWarning")
 @pytest.mark.parametrize("kind", ["ci16_le", "cf32_le"])
 def test_raw_samples_are_recognised_by_their_values(kind, tmp_path):
     """A file of integers that is opened as floats gives no reading and no message."""

@@ -219,26 +219,18 @@ def test_plot_of_readings_without_values_gives_no_warning(tmp_path):
         plot_readings([Reading(0.1, "arm"), Reading(0.2, "arm")], tmp_path / "out.png")
 
 
-@pytest.mark.parametrize(
-    "arguments, status",
-    [
-        (("simulate", "same.yaml", "x"), 0),
-        (("plan", "bad.yaml"), 2),
-    ],
-)
-def test_command_in_a_test_does_what_its_process_does(tmp_path, arguments, status):
+def test_command_in_a_test_does_what_its_process_does(tmp_path):
     """Most tests of the command start no process; they must find what a user's shell would."""
     same = {"sensors": [{"name": "arm", "model": "line-900mhz"}], "simulation": {"duration_s": 0.1}}
     found = []
     for run in (run_process, run_command):
         folder = tmp_path / run.__name__
         folder.mkdir()
-        (folder / "bad.yaml").write_text("sensors: []\n")
         (folder / "same.yaml").write_text(json.dumps(same))
-        done = run(*arguments, cwd=folder)
+        done = run("simulate", "same.yaml", "x", cwd=folder)
         files = sorted(path.name for path in folder.iterdir())
         found.append((done.returncode, done.stdout, done.stderr, files))
-    assert found[0] == found[1] and found[0][0] == status
+    assert found[0] == found[1] and found[0][0] == 0
 
 
 @pytest.mark.parametrize(
