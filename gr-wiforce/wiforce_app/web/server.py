@@ -27,7 +27,6 @@ from bokeh.plotting import figure
 from bokeh.resources import Resources
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.zmq_sockets import is_loopback, request
-from gnuradio.wiforce.io.palette import FAINT, GRID, INK
 
 from .address import PageAddress
 from .page_state import PageState, loaded
@@ -298,8 +297,9 @@ def serve_until_signal(
     asyncio.run(run())
 
 
-# Python describes the plots, and ``assets/plots.js`` fills their sources by name: `lines`, `bands`
-# and `points` with readings that have no flag, the strip with a mark for each one that has.
+# Python describes the plots, and ``assets/plots.js`` paints them and fills their sources by name:
+# `lines`, `bands` and `points` with readings that have no flag, the strip with a mark for each one
+# that has.
 _HEIGHT_PX = 210
 # The same on both plots, so that their time axes are aligned.
 _LEFT_PX, _RIGHT_PX = 52, 10
@@ -315,7 +315,6 @@ _PLAIN = {
     "sizing_mode": "stretch_width",
     "tools": "",
     "toolbar_location": None,
-    "outline_line_color": GRID,
     "min_border_left": _LEFT_PX,
     "min_border_right": _RIGHT_PX,
     "lod_threshold": None,
@@ -366,11 +365,8 @@ def _plot(name: str, label: str, time_axis: Range1d) -> figure:
     )
     plot.multi_line("xs", "ys", source=data["lines"], line_width=2, line_dash="dash", **color)
     plot.scatter("x", "y", source=data["points"], size=4, fill_color="color", line_color=None)
-    plot.grid.grid_line_color = GRID
     plot.xgrid.grid_line_color = None
     for axis in (*plot.xaxis, *plot.yaxis):
         axis.axis_label_text_font_style = "normal"
-        axis.axis_label_text_color = axis.major_label_text_color = INK
-        axis.axis_line_color = axis.major_tick_line_color = FAINT
         axis.minor_tick_line_color = None
     return plot
