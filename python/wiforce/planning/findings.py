@@ -311,33 +311,19 @@ def changes_of(plan: Plan, adapted: Plan) -> tuple[list[str], list[str]]:
             f"the weights reject clutter up to {adapted.clutter_hz:.0f} Hz instead of "
             f"{plan.clutter_hz:.0f} Hz"
         )
-    clocks = " and ".join(f"{clock.clock_hz:.2f} Hz" for clock in adapted.others)
-    more = f"({len(adapted.table.tones) - len(plan.table.tones)} more tones)"
-    steps = (
-        (
-            bool(adapted.others),
-            f"the tag of {clocks} to the separation {more}",
-            "separation of tags that the scene does not list",
-        ),
-        (
-            adapted.room is not None,
-            "weights that suppress the noise between the lines of the tags",
-            "weights against noise between the lines of the tags",
-        ),
-        (
-            adapted.compression is not None,
-            "a correction of the receiver's compression",
-            "correction of the receiver's compression",
-        ),
-    )
-    changes += [f"adds {step}" for needed, step, _ in steps if needed]
+    steps = {
+        "separation of tags that the scene does not list": bool(adapted.others),
+        "weights against noise between the lines of the tags": adapted.room is not None,
+        "correction of the receiver's compression": adapted.compression is not None,
+    }
+    changes += [f"adds {step}" for step, needed in steps.items() if needed]
     if adapted.tag_ratios:
         levels = " and ".join(f"{20 * math.log10(ratio):.0f} dB" for ratio in adapted.tag_ratios)
         changes.append(
             "adds to the standard deviations that the ratio of two antennas is not linear "
             f"(tag against static path: {levels})"
         )
-    return changes, [step for needed, _, step in steps if not needed]
+    return changes, [step for step, needed in steps.items() if not needed]
 
 
 @dataclass(frozen=True)
