@@ -224,17 +224,17 @@ struct end_separation::one {
     }
 
     // At the present clocks; to tones without what tags spread over the subcarriers.
-    end_fit fit(double averaging_s, bool with_slopes)
+    end_fit fit(double averaging_s)
     {
-        std::vector<switching_mixer::clock> clocks;
-        std::vector<switching_mixer::pulses> pulses;
+        std::vector<switching_clock> clocks;
+        std::vector<switching_pulses> pulses;
         for (std::size_t i = 0; i < tags.size(); i++) {
             const double total = tags[i].nominal_rate + rate[i];
             clocks.push_back({ phase[i], total, total * averaging_s / 2 });
             pulses.push_back(tags[i].pulses);
         }
         const auto mixed =
-            of.weights->mixer.mix(clocks.data(), pulses.data(), tags.size(), with_slopes);
+            of.weights->switched(clocks.data(), pulses.data(), tags.size());
         end_fit found({ 1, of.weights->tones(), 2 * tags.size(), subcarriers },
                       mixed.data(),
                       white.data());
@@ -287,7 +287,7 @@ void end_separation::correct_clocks(one& group) const
     std::optional<end_fit> fit;
     auto& parts = group.parts;
     if (tags.size() > 1 || d_settings.jointly || group.by.spread) {
-        fit.emplace(group.fit(d_settings.averaging_s, d_settings.jointly));
+        fit.emplace(group.fit(d_settings.averaging_s));
         if (d_settings.jointly)
             errors = phase_errors(information_of(*fit, inverse_noise));
         if (!group.cleaned.empty())
@@ -326,7 +326,7 @@ void end_separation::separate(one& group, bool update)
 {
     const std::size_t subcarriers = group.subcarriers;
     auto& found = group.found;
-    auto fit = group.fit(d_settings.averaging_s, bool(group.by.wander));
+    auto fit = group.fit(d_settings.averaging_s);
     if (group.by.wander)
         group.by.wander(group.number, fit, group.phase, group.rate);
     auto residual = fit.power();

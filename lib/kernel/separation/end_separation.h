@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "../doppler/switching_mixer.h"
 #include "clock_tracker.h"
 #include "end_fit.h"
 #include "group_weights.h"
@@ -52,7 +51,7 @@ public:
         const clock_likelihood* likelihood;
         std::vector<std::size_t> lines;   // tones that the likelihood is of
         double nominal_rate, stated_rate; // rad/s
-        switching_mixer::pulses pulses;
+        switching_pulses pulses;
         bool overlapping; // its two switches are on together
     };
 

@@ -5,6 +5,7 @@
 #include "matrix_product.h"
 
 #include <algorithm>
+#include <cmath>
 
 namespace gr::wiforce::kernel {
 
@@ -59,6 +60,68 @@ double whiten(const double* whitener,
     triangular_product(whitener, count, parts, subcarriers, white);
     return power_of(white, count * subcarriers) /
            double(std::max<std::size_t>(count * subcarriers, 1));
+}
+
+group_weights::group_weights(const std::vector<double>& mixer,
+                             std::vector<double> times_s,
+                             std::vector<double> whitener,
+                             double loss)
+    : loss(loss),
+      d_tones(mixer.size() / times_s.size()),
+      d_width((d_tones + 3) / 4 * 4),
+      d_times_s(std::move(times_s)),
+      d_whitener(std::move(whitener)),
+      d_mixer(d_times_s.size() * d_width)
+{
+    for (std::size_t i = 0; i < d_times_s.size(); i++)
+        std::copy_n(&mixer[i * d_tones], d_tones, &d_mixer[i * d_width]);
+}
+
+WIFORCE_CLONES
+std::vector<double> group_weights::switched(const switching_clock* clocks,
+                                            const switching_pulses* of,
+                                            std::size_t tags) const
+{
+    const std::size_t snapshots = d_times_s.size(), lists = 2 * tags;
+    std::vector<double> waveforms(2 * lists * snapshots), sums(2 * lists * d_width),
+        mixed(2 * lists * d_tones);
+    for (std::size_t i = 0; i < lists; i++)
+        averages(clocks[i / 2],
+                 of[i / 2],
+                 i % 2,
+                 &waveforms[i * snapshots],
+                 &waveforms[(lists + i) * snapshots]);
+    add_product(
+        { waveforms.data(), 2 * lists, snapshots }, d_mixer.data(), d_width, sums.data());
+    for (std::size_t i = 0; i < mixed.size(); i++)
+        mixed[i] = sums[i % (2 * lists) * d_width + i / (2 * lists)];
+    return mixed;
+}
+
+// Averages of a waveform over the snapshots, and their derivatives by the phase.
+WIFORCE_CLONES
+void group_weights::averages(const switching_clock& at,
+                             const switching_pulses& of,
+                             int waveform,
+                             double* average,
+                             double* slope) const
+{
+    // Both clocks' ramps are as steep: the second runs twice as fast and so does its
+    // window.
+    const double steep = -0.5 / at.half_window;
+    const double times = (waveform ? 2 : 1) / (2 * M_PI);
+    const double start = times * at.phase - (waveform ? 0.5 + of.delay / M_PI : 0),
+                 rate = times * at.rate;
+    const double half = at.half_window * times, scale = 0.5 / half,
+                 reach = of.duty[waveform] / 2 + half;
+    for (std::size_t i = 0; i < d_times_s.size(); i++) {
+        const double cycles = start + rate * d_times_s[i];
+        const double off = cycles - std::nearbyint(cycles); // from a pulse's centre
+        // A window that is shorter than pulse and gap sees one edge at most: a ramp.
+        const double ramp = (reach - std::abs(off)) * scale;
+        average[i] = ramp < 0 ? 0 : ramp > 1 ? 1 : ramp;
+        slope[i] = ramp < 0 || ramp > 1 ? 0 : off > 0 ? steep : -steep;
+    }
 }
 
 const std::vector<double>& group_weights::colorer() const

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "../doppler/switching_mixer.h"
 #include "../types.h"
 
+#include <array>
 #include <cstddef>
 #include <utility>
 #include <vector>
@@ -42,25 +42,41 @@ double whiten(const double* whitener,
               std::size_t subcarriers,
               complex* white);
 
+// A tag's clock at the centre of a group: phase in rad, rate in rad/s, and half the phase
+// that a snapshot averages over.
+struct switching_clock {
+    double phase, rate, half_window;
+};
+
+// A tag's pulses: delay of clock 2 in rad of clock 1, duty cycles of both.
+// signal/switching.py describes the waveforms.
+struct switching_pulses {
+    double delay;
+    std::array<double, 2> duty;
+};
+
 // Weights that lead from the snapshots received of a group to its M tones.
 class group_weights
 {
 public:
-    // `mixed`: of whitened parts, a row for each snapshot; `times_s`: of the snapshots,
-    // from the centre. `whitener`: lower triangular, M x M, makes the noise of parts
-    // white. `loss`: snapshots of a group over those received.
-    group_weights(const std::vector<double>& mixed,
-                  const std::vector<double>& times_s,
+    // `mixer`: of whitened parts, a row of M for each snapshot; `times_s`: of the
+    // snapshots, from the centre. `whitener`: lower triangular, M x M, makes the noise of
+    // parts white. `loss`: snapshots of a group over those received.
+    group_weights(const std::vector<double>& mixer,
+                  std::vector<double> times_s,
                   std::vector<double> whitener,
-                  double loss)
-        : mixer(mixed, times_s), loss(loss), d_whitener(std::move(whitener))
-    {
-    }
+                  double loss);
 
-    const switching_mixer mixer;
     const double loss;
 
-    std::size_t tones() const { return mixer.columns(); }
+    std::size_t tones() const { return d_tones; }
+
+    // What the switching waveforms of S tags leave in the whitened parts: both waveforms
+    // of each tag, averaged over the snapshots, and behind these their derivatives by the
+    // phase of the clock, M x 4S.
+    std::vector<double> switched(const switching_clock* clocks,
+                                 const switching_pulses* of,
+                                 std::size_t tags) const;
 
     const std::vector<double>& whitener() const { return d_whitener; }
 
@@ -68,7 +84,15 @@ public:
     const std::vector<double>& colorer() const;
 
 private:
-    const std::vector<double> d_whitener;
+    void averages(const switching_clock& at,
+                  const switching_pulses& of,
+                  int waveform,
+                  double* average,
+                  double* slope) const;
+
+    const std::size_t d_tones, d_width; // the latter a multiple of 4, as registers hold
+    const std::vector<double> d_times_s, d_whitener;
+    std::vector<double> d_mixer;           // snapshots x width
     mutable std::vector<double> d_colorer; // empty until it is asked for
 };
 

@@ -88,11 +88,11 @@ array<double> mix_switching(const group_weights& weights,
     const auto [groups, tags, three] = sizes_of<3>(clocks, rule);
     require_shape(clocks, { groups, tags, 3 }, rule);
     require_shape(pulses, { tags, three }, rule);
-    const auto at = structures<switching_mixer::clock>(clocks);
-    const auto of = structures<switching_mixer::pulses>(pulses);
+    const auto at = structures<switching_clock>(clocks);
+    const auto of = structures<switching_pulses>(pulses);
     array<double> mixed(shape{ groups, py::ssize_t(weights.tones()), 4 * tags });
     for (py::ssize_t group = 0; group < groups; group++) {
-        const auto one = weights.mixer.mix(at.data() + group * tags, of.data(), tags);
+        const auto one = weights.switched(at.data() + group * tags, of.data(), tags);
         std::copy(one.begin(), one.end(), mixed.mutable_data(group, 0, 0));
     }
     return mixed;
