@@ -60,8 +60,8 @@ private:
     double d_scale = 0, d_usual_rate = 0;
     std::size_t d_count = 1;
     std::array<double, most_rates> d_mean{}, d_variance{}, d_weight{ 1 },
-        d_with{}; // covariance with the one that is carried,
-    // How far that has been since the reset, and the square of the farthest.
+        d_with{}; // covariance with the one that is carried
+    // How far that one was carried since the reset, and the square of the farthest.
     double d_carried = 0, d_farthest2 = 0;
 };
 

@@ -181,7 +181,7 @@ void press_filter::move_line(const explanation& from, double probability)
     if (from.is != untouched)
         next->age_s = 0;
     next->is = untouched;
-    next->turn.moved += sees_turns(from, from.state_before_change());
+    next->turn.moved += sees_turns(from, from.is);
     move_cable(*next, next->line.amplitude);
     next->line.common.widen(variance / 2);
     next->line.difference.widen(2 * variance);
@@ -290,7 +290,7 @@ void press_filter::change_steadily(const explanation& from,
     const auto was = from.press.motion.phase();
     const double likelihood = next->press.motion.update(d_group.phase, d_noise);
     if (from.turn.goes_on)
-        part_turn(*next, was, direction);
+        part_turn(*next, was, direction, aside);
     give(*next, update_strength(*next, likelihood));
 }
 
@@ -299,7 +299,8 @@ void press_filter::change_steadily(const explanation& from,
 // by what they are told apart wrongly, they are for as long as both last.
 void press_filter::part_turn(explanation& to,
                              const pair_of_ends& was,
-                             const pair_of_ends& direction) const
+                             const pair_of_ends& direction,
+                             double aside) const
 {
     const auto is = to.press.motion.phase();
     const double expected = to.turn.velocity * d_elapsed_s;
@@ -307,8 +308,7 @@ void press_filter::part_turn(explanation& to,
     const double by_turn = squared(turning_speed(to.turn.speed) * d_elapsed_s),
                  by_force = squared(speeds[to.press.speed] * d_elapsed_s),
                  noise = d_noise.first / 100;
-    // What slides moves both in any direction.
-    const double across = to.press.slides ? by_force : 0;
+    const double across = aside * by_force;
     const double x = direction[0], y = direction[1];
     const double a = by_force * x * x + across * y * y + by_turn + noise,
                  b = by_force * y * y + across * x * x + by_turn + noise,
@@ -330,7 +330,8 @@ void press_filter::turn_unseen(explanation& to, double part) const
                      squared(turning_speed(to.turn.speed) * d_elapsed_s) * d_elapsed_s;
     to.line.common.turn(part * by);
     to.line.common.widen(squared(by) / 12 + bends);
-    to.press.motion.turn(part * by);
+    if (!to.press.steady) // else its velocity holds that of the turn
+        to.press.motion.turn(part * by);
 }
 
 void press_filter::mix(const explanation& from, double probability, double ends)

@@ -305,8 +305,9 @@ void press_filter::branch_touched(const explanation& from)
     const double begins = may.steadily / std::max(quiet, may.steadily);
     if (from.turn.goes_on && from.press.steady) {
         // Both go on, or one of them ends.
-        const double ends = quiet * (1 - goes_on) / 2;
-        change_steadily(from, quiet * goes_on, from.press.slides, from.press.speed);
+        const double ends = quiet * goes_on * (1 - goes_on);
+        change_steadily(
+            from, quiet * squared(goes_on), from.press.slides, from.press.speed);
         auto resting = from, held = from;
         resting.turn.goes_on = false;
         resting.press.motion.push(-from.turn.velocity);

@@ -124,7 +124,8 @@ private:
     double follow_turn(explanation& to, const pair_of_ends& was) const;
     void part_turn(explanation& to,
                    const pair_of_ends& was,
-                   const pair_of_ends& direction) const;
+                   const pair_of_ends& direction,
+                   double aside) const;
     void turn_unseen(explanation& to, double part) const;
     mixture mixture_after(const explanation& from, double ends) const;
 

@@ -3,7 +3,6 @@
 
 // What the parts of the press filter share: fixed terms of the model, in units.
 
-#include "drift_bank.h"
 #include "phase_motion.h"
 
 #include <array>
