@@ -37,7 +37,8 @@ _LIGHT = 0.4
 _TURN_RAD = 2 * np.pi + 0.01
 # No tactile sensor is pressed with as much; 8 N are 816 g.
 _LARGEST_FORCE_N = 100.0
-# Presses within a tenth of the line are not a calibration, but one in other units.
+# Presses within a tenth of the line are not a calibration, but one in other units. Phases that
+# move by a tenth of what the line does from location to location are of no line.
 _SMALLEST_SHARE = 0.1
 # A direction is reversed if it leaves so much less scatter.
 _REVERSED = 0.25
@@ -119,7 +120,7 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
     carriers = list(_by_carrier(table))
     for own in carriers:
         slope = line.round_trip_deg_per_mm(own.frequency_hz, permittivity)
-        found += _reversed(own, slope)
+        found += _reversed(own, slope) or _unconnected(own, slope)
     if found:
         return list(dict.fromkeys(found))
     return [text for own in carriers for text in _other_line(own, length_mm, permittivity)]
@@ -190,6 +191,21 @@ def _reversed(own: _Presses, slope: float) -> list[str]:
         f"{causes[best]} with location in the wrong direction: are ports swapped, is location "
         "measured from the other end, or the sign inverted (it must be that of arg S11, arg S22)?"
     ]
+
+
+def _unconnected(own: _Presses, slope: float) -> list[str]:
+    """Ports whose phases are alike at all locations, as without a sensor."""
+    found = []
+    # Two may be half a wavelength apart.
+    for port in np.flatnonzero(own.known.sum(axis=1) > 2):
+        along, places = own.direction[port, own.known[port]], own.location_mm[own.known[port]]
+        about_deg = np.degrees(np.angle(along * np.conj(along.mean())))
+        if np.ptp(about_deg) <= _SMALLEST_SHARE * slope * np.ptp(places):
+            found.append(
+                f"the phase of port {port + 1} is the same at all locations: is the sensor "
+                "connected?"
+            )
+    return found
 
 
 def _other_line(own: _Presses, length_mm: float, permittivity: float) -> list[str]:

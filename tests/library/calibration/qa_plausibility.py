@@ -54,6 +54,7 @@ MISTAKES = [
     (lambda t: {"location_mm": 80 - t.location_mm}, "the phases of both ports move"),
     (lambda t: {"phase_deg": -t.phase_deg}, "the phases of both ports move"),
     (lambda t: {"phase_deg": np.where(t.port == 2, -t.phase_deg, t.phase_deg)}, "port 2 alone mo"),
+    (lambda t: {"phase_deg": constant(t, t.port == 2)}, "port 2 is the same at all locations: is"),
     (lambda t: {"location_mm": of_port(t, 1)}, "port 1 alone moves with location in the wrong"),
     (lambda t: {"phase_deg": t.phase_deg + 180.0 * t.untouched}, "phases are off by some +1"),
     (lambda t: {"phase_deg": t.phase_deg - 150.0 * t.untouched}, "phases are off by some -1"),
