@@ -137,6 +137,17 @@ class FullDisk:
         self._room += 1_000_000
 
 
+def test_full_disk_keeps_the_former_file(tmp_path, monkeypatch):
+    def full(folder, size):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(output_file, "_reserved", full)
+    (tmp_path / "out.csv").write_text("former\n")
+    with pytest.raises(InputError, match="out.csv: cannot be written .No space left"):
+        output_file.OutputFile(tmp_path / "out.csv")
+    assert (tmp_path / "out.csv").read_text() == "former\n"
+
+
 @pytest.mark.parametrize("suffix", ["parquet", "mcap"])
 def test_full_disk_ends_run_with_all_rows_in_a_valid_file(tmp_path, monkeypatch, suffix):
     """The space held back holds what waits, and the end of the file."""

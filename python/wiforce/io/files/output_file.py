@@ -17,7 +17,8 @@ from ..outputs import Output
 from ..text.textfile import check_output
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
-# The longest row: what a machine that failed may have left incomplete.
+# The longest row: what a machine that failed may have left incomplete, and what there must be room
+# for before a file is emptied.
 LONGEST_ROW = 65_536
 
 
@@ -26,7 +27,7 @@ class OutputFile:
 
     ``kept`` says what remains when it cannot be written further; ``reserve_bytes`` are held on the
     disk so that a file can be ended when it is full (``reserve_used``). Refuses a file that another
-    process writes.
+    process writes, and to replace one without room for a row.
     """
 
     def __init__(
@@ -46,13 +47,17 @@ class OutputFile:
             if Path(path).is_file():
                 _lock(path, self._file)
                 self.size_bytes = os.fstat(self._file.fileno()).st_size
-                if not append:
-                    if self.size_bytes:
-                        self.cut(0)
-                    if reserve_bytes:
-                        with suppress(OSError):
-                            folder = Path(path).absolute().parent
-                            self._reserve = _reserved(folder, reserve_bytes)
+                folder = Path(path).absolute().parent
+                if not append and self.size_bytes:
+                    try:
+                        _reserved(folder, LONGEST_ROW).close()
+                    except OSError as error:
+                        if error.errno in _FULL:
+                            raise
+                    self.cut(0)
+                if not append and reserve_bytes:
+                    with suppress(OSError):
+                        self._reserve = _reserved(folder, reserve_bytes)
         except InputError:
             self._file.close()
             raise
