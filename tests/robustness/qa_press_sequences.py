@@ -88,7 +88,7 @@ def test_a_force_that_changes_goes_on_while_the_supply_fails():
 
 
 def test_a_force_that_rises_while_a_hand_moves_is_doubted_in_short_groups():
-    """Both were told apart anew in each group, as if they erred by something else each time."""
+    """They were divided anew in each group, as if that erred by something else each time."""
     found = score([8], 63, "hand")
     assert not found.wrong and found.counts["unflagged"] > 1000, str(found)
 

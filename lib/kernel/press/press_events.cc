@@ -296,7 +296,7 @@ void press_filter::change_steadily(const explanation& from,
 
 // While the tag turns and the force changes: both phases are moved by the turn alike, and
 // by the force in the direction of the press. In the middle of the line that is the same;
-// by what they are told apart wrongly, they are for as long as both last.
+// an error of this division lasts for as long as both do.
 void press_filter::part_turn(explanation& to,
                              const pair_of_ends& was,
                              const pair_of_ends& direction,

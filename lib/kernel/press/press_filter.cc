@@ -54,6 +54,7 @@ private:
 // What decides what comes next: one explanation may stand for two of a kind.
 std::uint32_t kind_of(const explanation& of)
 {
+    static_assert(turning_speeds < 4 && speeds.size() < 8, "three bits each");
     const auto& [turn, press, mixture] = std::tie(of.turn, of.press, of.mixture);
     std::uint32_t kind = 0;
     for (std::size_t each : { std::size_t(of.is),
@@ -134,7 +135,7 @@ void press_filter::take(const press_observation& group)
     d_amplitude_difference = group.amplitude[0] - group.amplitude[1];
     find_peaks();
     d_next.clear();
-    d_best = -1e300;
+    d_best = lost;
     if (d_first)
         start(group);
     const double steps = step_probability();

@@ -17,7 +17,7 @@ constexpr double no_loss = 0.1;
 // Logarithm of a weight that counts, of 1e-8; explanations with less than 3e-5 change no
 // reading.
 constexpr double negligible = -18, least_weight = 3e-5;
-// Log density of what cannot count.
+// Logarithm of a density or a weight that cannot count, below any other.
 constexpr double lost = -1e300;
 constexpr double deg = two_pi / 360; // rad
 // Speeds of steady changes, rad/s: a force that creeps, rises, is applied quickly, is a
