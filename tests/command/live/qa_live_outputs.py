@@ -57,7 +57,7 @@ def scene(tmp_path_factory):
 def test_live_outputs_all_hold_the_readings_of_the_file(
     scene, software_usrp, tmp_path, monkeypatch
 ):
-    """The run is ended by SIGTERM, as a service manager does, which is told of it."""
+    """The run is ended by SIGTERM, as a service manager does, which hears of it."""
     device, (foxglove,) = software_usrp(scene), free_ports(1)
     output, bag = tmp_path / "out.csv", tmp_path / "out.mcap"
     options = [*GAINS, "-o", output, "--mcap", bag, "--foxglove", foxglove, "--lsl"]
@@ -79,8 +79,8 @@ def test_live_outputs_all_hold_the_readings_of_the_file(
         process.send_signal(signal.SIGTERM)
         _, said = process.communicate(timeout=300)
     assert process.returncode == 0, said
-    told = [systemd.recv(4096) for _ in range(3)]
-    assert told[:2] == [b"WATCHDOG=1", b"READY=1"] and told[2] in (b"WATCHDOG=1", b"STOPPING=1")
+    heard = [systemd.recv(4096) for _ in range(3)]
+    assert heard[:2] == [b"WATCHDOG=1", b"READY=1"] and heard[2] in (b"WATCHDOG=1", b"STOPPING=1")
     systemd.close()
     client.join()
     recorder.join()
