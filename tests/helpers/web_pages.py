@@ -5,6 +5,7 @@ import asyncio
 import json
 import socket
 import threading
+import time
 from contextlib import closing, contextmanager
 from urllib.parse import urlsplit
 
@@ -43,11 +44,11 @@ def serving(source, token=None, host="127.0.0.1", **options):
 class Publisher:
     """A live reader of which a test says what it reads.
 
-    ``refusal``: why it refuses a tare; empty where it does not.
+    ``refusal``: why it refuses a tare; empty where it does not. ``tare_s``: how long one takes.
     """
 
     def __init__(self, sensors=("arm",)):
-        self.sensors, self.refusal = sensors, ""
+        self.sensors, self.refusal, self.tare_s = sensors, "", 0.0
         self.tares = self.forced = 0
         self.readings, self.control = str(free_port()), str(free_port())
         self._publisher = ReadingsPublisher(self.readings)
@@ -59,6 +60,7 @@ class Publisher:
 
     def _tare(self):
         self.tares += 1
+        time.sleep(self.tare_s)
         return {"ok": False, "error": f"tare refused: {self.refusal}"} if self.refusal else {}
 
     def _force(self):

@@ -247,7 +247,7 @@ def test_viewer_that_does_not_read_costs_others_no_reading():
 def test_viewers_who_ask_for_a_tare_get_an_answer_each():
     """Two people who press the button at once must both see the outcome, and a flood is one."""
     with publishing() as reader:
-        reader.refusal = "arm is touched (3.00 N at 40.0 mm)"
+        reader.refusal, reader.tare_s = "arm is touched (3.00 N at 40.0 mm)", 0.3
         with serving(ZmqSource(reader.readings, reader.control)) as (url, _):
             with closing(RawViewer(url)) as one, closing(RawViewer(url)) as two:
                 for viewer in (one, two, two, two):
