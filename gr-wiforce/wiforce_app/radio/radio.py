@@ -43,17 +43,11 @@ class End(ABC):
         """Tune; the carrier that the device takes."""
 
     @abstractmethod
-    def carrier_limits_hz(self) -> tuple[float, float]: ...
-
-    @abstractmethod
-    def gain_limits_db(self) -> tuple[float, float]: ...
+    def limits(self, name: str) -> tuple[float, float] | None:
+        """Of the ``carrier``, ``gain`` or ``bandwidth``; None of a filter that cannot be set."""
 
     @abstractmethod
     def antennas(self) -> list[str]: ...
-
-    @abstractmethod
-    def bandwidth_limits_hz(self) -> tuple[float, float] | None:
-        """None where the device's filter cannot be set."""
 
     @abstractmethod
     def locked(self) -> bool:
@@ -93,14 +87,14 @@ class Radio(ABC):
             gain_option, gain_db, antenna_option, antenna = wanted[direction]
             if gain_db is None:
                 self._set_first_gain(end)
-            for name, option, value, check in (
-                ("gain", gain_option, gain_db, _check_gain),
-                ("antenna", antenna_option, antenna, _check_antenna),
-                ("bandwidth", "--bandwidth", request.bandwidth_hz, _check_bandwidth),
+            for name, option, value in (
+                ("gain", gain_option, gain_db),
+                ("antenna", antenna_option, antenna),
+                ("bandwidth", "--bandwidth", request.bandwidth_hz),
             ):
                 if value is not None:
                     with self.applying(option, value):
-                        check(option, end, value)
+                        _check(option, end, name, value)
                         end.set(name, value)
 
     @contextlib.contextmanager
@@ -173,7 +167,7 @@ class Radio(ABC):
             actual = end.set_carrier(carrier_hz)
         if not abs(actual - carrier_hz) <= _CARRIER_TOLERANCE_HZ:  # nor a driver that states NaN
             with self.applying(where, carrier_hz):
-                low, high = (limit / 1e6 for limit in end.carrier_limits_hz())
+                low, high = (limit / 1e6 for limit in end.limits("carrier"))
             rule = f"must lie in the device's range, {low:.6g} to {high:.6g} MHz"
             raise InputError(where, rule, carrier_hz)
 
@@ -204,22 +198,15 @@ def absent_rule(reason: str, finder: str) -> str:
     )
 
 
-def _check_gain(option, end, gain_db):
-    _require_within(option, gain_db, end.gain_limits_db(), "dB")
-
-
-def _check_antenna(option, end, antenna):
-    _require_known(option, antenna, end.antennas())
-
-
-def _check_bandwidth(option, end, bandwidth_hz):
-    limits_hz = end.bandwidth_limits_hz()
-    if limits_hz is None:
+def _check(option, end, name, value):
+    """Refuse a gain, antenna or bandwidth that the device has not."""
+    if name == "antenna":
+        _require_known(option, value, end.antennas())
+        return
+    limits = end.limits(name)
+    if limits is None:
         raise InputError(option, "must not be given: this device's filter is fixed")
-    _require_within(option, bandwidth_hz, limits_hz, "MHz", 1e6)
-
-
-def _require_within(option, value, limits, unit, scale=1.0):
+    unit, scale = ("dB", 1.0) if name == "gain" else ("MHz", 1e6)
     low, high = (limit / scale for limit in limits)
     if not low <= value / scale <= high:
         raise InputError(option, f"must be {low:.6g} to {high:.6g} {unit} with this device", value)

@@ -133,19 +133,16 @@ class _SoapyEnd(End):
         self.set("frequency", carrier_hz)
         return self.block.get_frequency(0)
 
-    def carrier_limits_hz(self):
-        return _limits(self.block.get_frequency_range(0))
-
-    def gain_limits_db(self):
-        limits = self.block.get_gain_range(0)
-        return limits.minimum(), limits.maximum()
+    def limits(self, name):
+        ranges = getattr(self.block, f"get_{'frequency' if name == 'carrier' else name}_range")(0)
+        if name == "gain":
+            ranges = [ranges]
+        elif name == "bandwidth" and not ranges:
+            return None
+        return min(each.minimum() for each in ranges), max(each.maximum() for each in ranges)
 
     def antennas(self):
         return list(self.block.list_antennas(0))
-
-    def bandwidth_limits_hz(self):
-        ranges = self.block.get_bandwidth_range(0)
-        return _limits(ranges) if ranges else None
 
     def locked(self):
         with contextlib.suppress(*_DRIVER_ERRORS):
@@ -226,7 +223,3 @@ def _nearest(ranges, value):
         key=lambda each: abs(each - value),
         default=value,
     )
-
-
-def _limits(ranges):
-    return min(each.minimum() for each in ranges), max(each.maximum() for each in ranges)

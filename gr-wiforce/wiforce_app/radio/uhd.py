@@ -32,7 +32,7 @@ class UhdRadio(Radio):
         return receiver, transmitter
 
     def _set_first_gain(self, end):
-        end.set("gain", first_gain_db(*end.gain_limits_db()))
+        end.set("gain", first_gain_db(*end.limits("gain")))
 
     def _clock_sources(self):
         return self.source.get_clock_sources(0)
@@ -80,26 +80,17 @@ class _UhdEnd(End):
         self.set("center_freq", carrier_hz)
         return self.block.get_center_freq()
 
-    def carrier_limits_hz(self):
-        return _limits(self.block.get_freq_range())
-
-    def gain_limits_db(self):
-        return _limits(self.block.get_gain_range())
+    def limits(self, name):
+        values = getattr(self.block, f"get_{'freq' if name == 'carrier' else name}_range")()
+        return values.start(), values.stop()
 
     def antennas(self):
         return list(self.block.get_antennas())
-
-    def bandwidth_limits_hz(self):
-        return _limits(self.block.get_bandwidth_range())
 
     def locked(self):
         if "lo_locked" not in self.block.get_sensor_names():
             return True
         return self.block.get_sensor("lo_locked").to_bool()
-
-
-def _limits(values):
-    return values.start(), values.stop()
 
 
 def _block(kind, option, args, channels=1):
