@@ -21,100 +21,78 @@ from .page_state import STATUS, PageState, loaded, page_row
 _TAIL_BYTES = 8 << 20
 # Most that one call reads, so that viewers are served meanwhile.
 _CHUNK_BYTES = 1 << 20
-_LONGEST_ROW = 100_000
 _NEEDED = ("time_s", "sensor")
 
 
 class FileSource:
     """Reads a CSV or JSON lines file that is written meanwhile, absent, replaced or shortened."""
 
+    control = keys = None
+
     def __init__(self, path: str | Path):
         self._path = Path(path)
-        self.control = self.keys = None
         form = format_of(path)
         if form is None or not form.text:
             raise InputError(path, "must be a file .csv or .jsonl, or a ZMQ endpoint tcp://...")
         self._lines = form.suffix == ".jsonl"
-        self._file: BufferedReader | None = None
+        self._identity: tuple[int, int] | None = None
         self._columns: list[str] = []
-        self._rest = b""
+        self._offset = 0
         self._sensors: dict[str, dict[str, Any]] = {}
-        self._open()
+        self._read(0)
 
     def poll(self, page_state: PageState) -> None:
         """Give the state what the file holds by now."""
-        if data := b"" if self._file is None else self._file.read(_CHUNK_BYTES):
-            *lines, self._rest = (self._rest + data).split(b"\n")
-            if len(self._rest) > _LONGEST_ROW:  # no file of readings
-                self._rest = b""
-            for line in lines:
-                self._take(line.decode("utf-8", "replace"), page_state)
-        elif self._is_replaced():
-            self._open()
-        page_state.show(self._status())
+        data = self._read(_CHUNK_BYTES)
+        # A chunk without an end of a line is no row of readings.
+        end = data.rfind(b"\n") + 1 or len(data) // _CHUNK_BYTES * _CHUNK_BYTES
+        self._offset += end
+        for line in data[:end].decode("utf-8", "replace").split("\n"):
+            fields = zip(self._columns, [] if self._lines else _fields(line), strict=False)
+            values = loaded(line) if self._lines else dict(fields)
+            if (row := page_row(values)) is not None:
+                page_state.add(values)
+                self._sensors.setdefault(row[0], {})
+        state, reason = "reading", ""
+        if not self._sensors:
+            exists = self._path.exists()
+            state = "waiting"
+            reason = "no readings in the file yet" if exists else "the file does not exist yet"
+        status = {"state": state, "reason": reason, "sensors": self._sensors}
+        page_state.show({"source": self._path.name, "can_tare": False, **status})
 
     def close(self) -> None:
-        """Close the file."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
+        """No file stays open."""
 
-    def _open(self) -> None:
-        self.close()
-        self._columns, self._rest = [], b""
+    def _read(self, most: int) -> bytes:
+        """What follows in the file, at most so many bytes; of another file, from its start on."""
         try:
-            self._file = open(self._path, "rb")
+            with open(self._path, "rb") as file:
+                found = os.fstat(file.fileno())
+                identity = found.st_dev, found.st_ino
+                if identity != self._identity or found.st_size < self._offset:
+                    self._identity = identity if self._begin(file, found.st_size) else None
+                file.seek(self._offset)
+                return file.read(most if self._identity else 0)
         except FileNotFoundError:
-            return
+            return b""
         except OSError as error:
             raise InputError(self._path, f"cannot be read ({error.strerror})") from error
+
+    def _begin(self, file: BufferedReader, size_bytes: int) -> bool:
+        """Find columns and first row to read; False while the line of the columns is incomplete."""
         if not self._lines:
-            self._take_header()
-        start = os.fstat(self._file.fileno()).st_size - _TAIL_BYTES
-        if start > self._file.tell():
-            self._file.seek(start)
-            self._file.readline()  # the rest of a row
-
-    def _take_header(self) -> None:
-        """The columns; a file that is just being created may have no complete first line."""
-        assert self._file is not None
-        line = self._file.readline(_CHUNK_BYTES)
-        if not line.endswith(b"\n"):
-            self._file.seek(0)
-            return
-        self._columns = _fields(line.decode("utf-8", "replace").strip())
-        if missing := [name for name in _NEEDED if name not in self._columns]:
-            raise InputError(self._path, f"must hold readings, but has no column {missing[0]}")
-
-    def _take(self, line: str, page_state: PageState) -> None:
-        if not self._lines and not self._columns:
-            self._columns = _fields(line.strip())
-            return
-        columns = self._columns
-        values = loaded(line) if self._lines else dict(zip(columns, _fields(line), strict=False))
-        if (row := page_row(values)) is not None:
-            page_state.add(values)
-            self._sensors.setdefault(row[0], {})
-
-    def _is_replaced(self) -> bool:
-        try:
-            found = os.stat(self._path)
-        except OSError:
-            return False
-        if self._file is None:
-            return True
-        opened = os.fstat(self._file.fileno())
-        same = (found.st_dev, found.st_ino) == (opened.st_dev, opened.st_ino)
-        return not same or found.st_size < self._file.tell()
-
-    def _status(self) -> dict[str, Any]:
-        state, reason = "reading", ""
-        if self._file is None:
-            state, reason = "waiting", "the file does not exist yet"
-        elif not self._sensors:
-            state, reason = "waiting", "no readings in the file yet"
-        status = {"state": state, "reason": reason, "sensors": self._sensors}
-        return {"source": self._path.name, "can_tare": False, **status}
+            line = file.readline(_CHUNK_BYTES)
+            if not line.endswith(b"\n"):
+                return False
+            self._columns = _fields(line.decode("utf-8", "replace").strip())
+            if missing := [name for name in _NEEDED if name not in self._columns]:
+                raise InputError(self._path, f"must hold readings, but has no column {missing[0]}")
+        if size_bytes - _TAIL_BYTES > file.tell():
+            file.seek(size_bytes - _TAIL_BYTES)
+            file.readline()  # the rest of a row
+        self._offset = file.tell()
+        return True
 
 
 def _fields(line: str) -> list[str]:
