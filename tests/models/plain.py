@@ -5,7 +5,6 @@ import numpy as np
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.planning.plan import Plan
-from gnuradio.wiforce.signal.bound import phase_bound_deg
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from wiforce_app.bench.accuracy import SnapshotChain
@@ -96,11 +95,3 @@ def stated_deg(results, reference_groups=12):
 def make_air(group_length, tags, seed, gamma_db, noise_profile=None, **levels):
     """The air of a test."""
     return Air(WAVEFORM, group_length, tags, PathLevels(gamma_db, **levels), seed, noise_profile)
-
-
-def bound_of(air, reference_groups=12, group_length=625, mask=None, clutter_hz=0.0):
-    """Cramer-Rao bound of the phases' changes in the group made last; (2S,)."""
-    clocks = [(clock.actual_hz, 2 * np.pi * clock.cycles(0.0)) for clock in air.clocks]
-    times = np.arange(group_length) * T
-    settings = {"reference_groups": reference_groups, "mask": mask, "clutter_hz": clutter_hz}
-    return phase_bound_deg(air.ends(True), air.noise, clocks, times, TA, **settings)

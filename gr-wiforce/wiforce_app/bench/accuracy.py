@@ -13,7 +13,6 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.off_state import corrected_phase_deg
 from gnuradio.wiforce.estimation.phases.reference import SubcarrierAverage
 from gnuradio.wiforce.planning.plan import Plan
-from gnuradio.wiforce.signal.bound import phase_bound_deg
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.signal.weights import tones_of
@@ -236,10 +235,9 @@ def run_case(case, run):
     kinds = dict.fromkeys(name.split(",")[0] for name in case.estimators)
     chains = {kind: SnapshotChain(plan_of(case, kind)) for kind in kinds}
     ready = {kind: [] for kind in kinds}
-    cycles, mask = [], None
+    mask = None
     for group in range(case.reference_groups + case.groups):
         snapshots = air.group(group, group >= case.reference_groups)
-        cycles.append([clock.cycles(air.times_s(group).mean()) for clock in air.clocks])
         mask = _present(case, rng)
         for kind, chain in chains.items():
             ready[kind].append(chain.process(group, snapshots, mask))
@@ -250,7 +248,7 @@ def run_case(case, run):
         kind = name.split(",")[0]
         errors, std, unread = errors_of(case, tags, groups[kind], kind)
         if name != kind:
-            errors = wrap_deg(errors - _constant_offset(case, np.array(cycles)))
+            errors = wrap_deg(errors - _constant_offset(case, air))
         found[name] = RunResult(errors, std, np.broadcast_to(bound, errors.shape), unread)
     return found
 
@@ -310,15 +308,9 @@ def _present(case, rng):
 
 def _bound(case, air, tags, mask):
     """Bound of the phases psi of a touched group, including the noise of the reference."""
-    clocks = [(clock.actual_hz, 2 * np.pi * clock.cycles(0.0)) for clock in air.clocks]
-    times = np.arange(case.group_length) * _WAVEFORM.snapshot_period_s
     touched, untouched = (
-        phase_bound_deg(
-            air.ends(state), air.noise, clocks, times, _WAVEFORM.averaging_s, case.clutter_hz,
-            mask=mask,
-        )
-        for state in (True, False)
-    )  # fmt: skip
+        air.bound_deg(state, clutter_hz=case.clutter_hz, mask=mask) for state in (True, False)
+    )
     # |d psi / d arg R| of each end; |G| is 1.
     slope = np.concatenate(
         [np.abs(np.exp(1j * np.radians(t.touched_deg)) - t.off_reflection) for t in tags]
@@ -357,12 +349,12 @@ def _error(case, tags, ratios, truth):
     return wrap_deg(np.hstack(psi) - truth), np.hstack(slope)
 
 
-def _constant_offset(case, cycles):
+def _constant_offset(case, air):
     """Phase that the mean clock offset adds to the ends of touched groups, in degrees."""
-    groups = np.arange(len(cycles))
-    nominal = np.array(case.clocks_hz) * case.group_length * _WAVEFORM.snapshot_period_s
-    rotation_deg = 360 * (cycles - cycles[0] - np.outer(groups, nominal))
-    slope = np.polyfit(groups, rotation_deg, 1)[0]
+    groups = np.arange(case.reference_groups + case.groups)
+    times = groups * case.group_length * _WAVEFORM.snapshot_period_s
+    gained = [360 * (clock.cycles(times) - clock.clock_hz * times) for clock in air.clocks]
+    slope = np.polyfit(groups, np.transpose(gained), 1)[0]
     offset = np.outer(groups[case.reference_groups :], slope)
     return np.stack([offset, 4 * offset], axis=-1).reshape(len(offset), -1)
 

@@ -1,23 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Channel snapshots of tags, static and moving clutter, and noise, from the signal model alone.
 
-The benchmarks use it to assess the estimators, so it shares only the sounding frame with them.
-Clocks count in cycles; a switch is averaged over a window by interpolating its accumulated on-time.
+The benchmarks use it to assess the estimators, so it shares only the sounding frame with them;
+clocks and switches are those of simulated captures.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from gnuradio.wiforce.signal.bound import phase_bound_deg
+from gnuradio.wiforce.simulation.tag import SWITCHES, SwitchingClock, states_at
 
-# Accumulated on-time of each switch, in cycles of clock 1, at the corners of its first cycle.
-_SWITCHES = (
-    ((0, 1 / 8, 7 / 8, 1), (0, 1 / 8, 1 / 8, 1 / 4)),
-    ((0, 3 / 16, 5 / 16, 11 / 16, 13 / 16, 1), (0, 0, 1 / 8, 1 / 8, 1 / 4, 1 / 4)),
-)
 # Fourier coefficient of line 1 of switch 1, without averaging: sin(pi/4) / pi.
 _FIRST_LINE = 0.22507907903927651
 _DELAY_SPACING_S = 20e-9
-_WIDEST_OFFSET = 100e-6  # of a drifting clock, unless it begins beyond
+_WIDEST_OFFSET_PPM = 100.0  # of a drifting clock, unless it begins beyond
 _WALKER = (30.0, 0.31)  # highest Doppler shift (Hz), swings per second
 _FAN = (200.0, 1.7)
 
@@ -45,44 +42,6 @@ class PathLevels:
     static_db: float | None = None
     movers_db: float | None = None
     coherence_hz: float | None = 2e6
-
-
-class WanderingClock:
-    """Cycles, in order, of a crystal whose offset drifts to and fro between +-100 ppm."""
-
-    def __init__(self, clock_hz, offset_ppm, drift_ppm_per_s, start_cycles):
-        self.clock_hz = clock_hz
-        self._offset, self._drift = offset_ppm * 1e-6, drift_ppm_per_s * 1e-6
-        self._limit = max(_WIDEST_OFFSET, abs(self._offset))
-        self._cycles, self._time = start_cycles, 0.0
-
-    def advance(self, time_s):
-        """Move the start of the block to a later time."""
-        self._cycles = float(self.cycles(time_s))
-        self._offset += self._drift * (time_s - self._time)
-        self._time = time_s
-        if abs(self._offset) > self._limit and self._offset * self._drift > 0:
-            self._drift = -self._drift
-
-    def cycles(self, times_s):
-        """Cycles at times within the block."""
-        t = np.asarray(times_s) - self._time
-        return self._cycles + self.clock_hz * (t * (1 + self._offset) + self._drift * t * t / 2)
-
-    @property
-    def actual_hz(self):
-        return self.clock_hz * (1 + self._offset)
-
-
-def switches(start, stop, delay_cycles=0.0):
-    """Share of each window, from cycle ``start`` to ``stop``, that each switch is on; (n, 2)."""
-    states = []
-    for lag, (corners, on) in zip((0.0, delay_cycles), _SWITCHES, strict=True):
-        bounds = np.stack([start, stop]) - lag
-        whole = np.floor(bounds)
-        elapsed = whole * on[-1] + np.interp(bounds - whole, corners, on)
-        states.append((elapsed[1] - elapsed[0]) / (stop - start))
-    return np.stack(states, axis=-1)
 
 
 def fading(rng, subcarrier_hz, coherence_hz):
@@ -125,7 +84,13 @@ class Air:
                 for mover in (_WALKER, _FAN)
             ]
         self.clocks = [
-            WanderingClock(t.clock_hz, t.offset_ppm, t.drift_ppm_per_s, t.start_cycles)
+            SwitchingClock(
+                t.clock_hz,
+                t.offset_ppm,
+                t.drift_ppm_per_s,
+                max(_WIDEST_OFFSET_PPM, abs(t.offset_ppm)),
+                t.start_cycles,
+            )
             for t in tags
         ]
 
@@ -145,6 +110,15 @@ class Air:
                 rows.append(channel * (np.exp(1j * np.radians(degrees)) - tag.off_reflection))
         return np.array(rows)
 
+    def bound_deg(self, touched=True, **settings):
+        """Bound (2S,) of the phases of a group that starts with the scene; in degrees."""
+        clocks = [
+            (clock.clock_hz * (1 + 1e-6 * clock.offset_ppm(0.0)), 2 * np.pi * clock.cycles(0.0))
+            for clock in self.clocks
+        ]
+        ends, times = self.ends(touched), self.times_s(0)
+        return phase_bound_deg(ends, self.noise, clocks, times, self._window_s, **settings)
+
     def group(self, index, touched=False, on=True):
         """H (N, K) of a group, in order; ``touched`` and ``on`` are bools, or (N,) from 0 to 1."""
         times = self.times_s(index)
@@ -157,7 +131,6 @@ class Air:
         for tag, clock, channel, is_on in zip(
             self._tags, self.clocks, self.channels, present, strict=True
         ):
-            clock.advance(times[0])
             if is_on:
                 courses.append(self._reflection(tag, clock, times, touched))
                 paths.append(channel)
@@ -172,11 +145,10 @@ class Air:
         return noise.view(np.complex64)
 
     def _reflection(self, tag, clock, times, touched):
-        middle = clock.cycles(times)
-        half = clock.actual_hz * self._window_s / 2
-        states = switches(middle - half, middle + half, tag.clock2_delay_cycles)
+        delay_s = tag.clock2_delay_cycles / tag.clock_hz
+        states = states_at(clock, SWITCHES["pulses"], delay_s, times, self._window_s)
         share = np.asarray(touched, float)[..., None]
         before, after = np.array(tag.untouched_deg), np.array(tag.touched_deg)
         ends = np.exp(1j * np.radians(before + share * (after - before)))
         off = tag.off_reflection
-        return np.sum(states * (ends - off), axis=-1) + off
+        return np.sum(np.transpose(states) * (ends - off), axis=-1) + off

@@ -16,7 +16,6 @@ from long_cases import cases
 from plain import (
     TA,
     T,
-    bound_of,
     errors_deg,
     make_air,
     make_plan,
@@ -183,5 +182,5 @@ def test_phases_of_groups_without_whole_periods_reach_the_bound():
     tags = [random_tag(np.random.default_rng(4))]
     air = make_air(125, tags, 5, 60.0, static_db=60)
     errors = errors_deg(run_chain(plan, air, 160), tags, 60)
-    bound = bound_of(air, 60, 125)
+    bound = air.bound_deg(reference_groups=60)
     assert np.max(np.sqrt(np.mean(errors**2, axis=0)) / bound) < 1.3

@@ -10,7 +10,6 @@ from gnuradio.wiforce.signal.weights import design_weights
 from plain import (
     WAVEFORM,
     T,
-    bound_of,
     errors_deg,
     make_air,
     make_plan,
@@ -86,7 +85,7 @@ def test_phases_stay_near_the_bound(gamma_db, clutter_hz, around, others_hz):
         tags = [random_tag(rng), *(random_tag(rng, clock_hz=hertz) for hertz in others_hz)]
         air = make_air(625, tags, [5, seed], gamma_db, **around)
         errors = errors_deg(run_chain(plan, air, 87), tags)
-        ratios.append(errors / bound_of(air, clutter_hz=clutter_hz))
+        ratios.append(errors / air.bound_deg(reference_groups=12, clutter_hz=clutter_hz))
     # 150 errors know the loss, .3 dB or so, to 1 dB.
     assert np.max(loss_db(np.concatenate(ratios), 1.0)) < 1.5
 
@@ -102,7 +101,9 @@ def test_phases_with_a_fifth_of_the_snapshots_missing_stay_near_the_bound(lost):
         air = make_air(625, tags, [8, seed], 0.0, static_db=70)
         results = run_chain(plan, air, 87, present=lambda g: masks[g])
         assert results.missing.tolist() == [np.sum(~masks[g]) for g in results.index]
-        ratios.append(errors_deg(results, tags) / bound_of(air, mask=masks[20]))
+        ratios.append(
+            errors_deg(results, tags) / air.bound_deg(reference_groups=12, mask=masks[20])
+        )
     assert np.max(loss_db(np.concatenate(ratios), 1.0)) < 1.5
 
 
@@ -165,7 +166,7 @@ def test_separation_tag_switched_on_again_is_acquired_and_keeps_its_reference():
 
     def on(group):
         if group == 30:
-            air.clocks[0]._cycles += 0.3719
+            air.clocks[0]._start_cycles += 0.3719
         return not 15 <= group < 40
 
     results = run_chain(make_plan(), air, 70, on=on)

@@ -6,8 +6,8 @@ import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.signal.switching import harmonics, switch_averages
 from gnuradio.wiforce.signal.waveform import sounding_waveform
+from gnuradio.wiforce.simulation.tag import SWITCHES, SwitchingClock, states_at
 from plain import TA, averaged_switches
-from wiforce_app.bench.air import switches
 
 
 def test_repeated_preamble_is_five_chirps_of_unit_power():
@@ -106,8 +106,8 @@ def test_harmonics_equal_fourier_coefficients_of_averages(width, duty):
     assert np.max(np.abs(harmonics(lines, width, duty) - expected)) < 2e-5
 
 
-def test_bench_switches_equal_counted_instants():
+def test_simulated_switches_equal_counted_instants():
     cycles = np.random.default_rng(2).uniform(-3, 1e4, 400)
-    width = 1000 * TA
-    made = switches(cycles - width / 2, cycles + width / 2, 0.03)
-    assert np.max(np.abs(made - averaged_switches(cycles, width, 0.03))) < COUNTING
+    clock = SwitchingClock(1000.0, 0.0, 0.0, 0.0, 0.0)
+    made = np.transpose(states_at(clock, SWITCHES["pulses"], 30e-6, cycles / 1000, TA))
+    assert np.max(np.abs(made - averaged_switches(cycles, 1000 * TA, 0.03))) < COUNTING
