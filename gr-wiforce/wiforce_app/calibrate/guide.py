@@ -53,8 +53,8 @@ class LivePresses:
     def idle(self):
         """Check that the session goes on; DeviceLost when the device is gone."""
         self._keeper.look()
-        if self._session.failure is not None:
-            raise self._session.failure
+        if self._session.reader.failure is not None:
+            raise self._session.reader.failure
 
     def collect(self, idle):
         """Readings of groups that begin after this call."""

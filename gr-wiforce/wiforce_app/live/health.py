@@ -185,8 +185,8 @@ class RunHealth:
             "reason": reason,
             "tare": self._stream.tares.state.row(),
             "sensors": sensors,
-            "gaps": session.gaps,
-            "samples_lost": session.samples_lost,
+            "gaps": session.fold.gaps(),
+            "samples_lost": session.fold.samples_lost(),
             "groups": session.reader.counts.asdict(),
         }
 
@@ -207,7 +207,7 @@ class RunHealth:
         return self._session.reader.stream
 
     def _samples_age_s(self):
-        samples, now = self._session.samples_received, self._now()
+        samples, now = self._session.source.received, self._now()
         if samples != self._samples:
             self._samples, self._samples_s = samples, now
         return now - self._samples_s

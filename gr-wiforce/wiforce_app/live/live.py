@@ -313,6 +313,7 @@ def _run(scene, request, outputs, endpoints, duration, reconnect, line, **option
         monitor.note(reading)
 
     session = LiveSession(scene, request, on_reading, **options)
+    reader = session.reader
     keeper = RadioKeeper(request, session, reconnect, on_open=opened)
     health = RunHealth(session, log.info, lambda: keeper.state)
     monitor = SessionMonitor(session, health, line=line)
@@ -326,7 +327,7 @@ def _run(scene, request, outputs, endpoints, duration, reconnect, line, **option
     try:
         with Heartbeat(health.report, lambda report: outputs.send("heartbeat", report)):
             try:
-                while not ending.requested.wait(_LOOK_S) and session.failure is None:
+                while not ending.requested.wait(_LOOK_S) and reader.failure is None:
                     keeper.look()
                     monitor.look()
                     health.look()
@@ -339,8 +340,8 @@ def _run(scene, request, outputs, endpoints, duration, reconnect, line, **option
                 service.stopping()
                 keeper.stop()
                 session.stop()
-        if session.failure is not None:
-            raise session.failure
+        if reader.failure is not None:
+            raise reader.failure
         ending.failure = session.recording_failure
     finally:
         service.close()

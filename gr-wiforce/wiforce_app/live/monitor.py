@@ -96,7 +96,7 @@ class SessionMonitor:
             self._health.state[0],
             f"{session.time_s:.1f} s",
             f"{session.samples / elapsed / 1e6:.2f} Msps",
-            f"{session.gaps} gaps",
+            f"{session.fold.gaps()} gaps",
             str(session.reader.counts),
             f"peak {20 * math.log10(max(session.take_peak(), 1e-5)):.0f} dBFS",
         ]
@@ -117,8 +117,8 @@ class SessionMonitor:
         return {
             **self._health.report(),
             "device_start_s": session.start_s,
-            "frames_moved": session.frames_moved,
-            "times_ignored": session.times_ignored,
+            "frames_moved": session.fold.frames_moved(),
+            "times_ignored": session.fold.times_ignored(),
             "frame_offset": session.alignment.offset,
             "clock_offset_ppm": list(session.clock_offsets_ppm.values()),
             "room": None if room is None else [finding.row() for finding in room],
@@ -127,11 +127,11 @@ class SessionMonitor:
 
     def summary(self) -> str:
         """What was read and what was lost, in one line."""
-        session = self._session
+        session, fold = self._session, self._session.fold
         text = f"{session.time_s:.3f} s, {session.reader.counts}"
-        if session.gaps:
-            text += f", {describe_loss(session.gaps, session.samples_lost)}"
-        return ", ".join([text, *describe_events(session.frames_moved, session.times_ignored)])
+        if gaps := fold.gaps():
+            text += f", {describe_loss(gaps, fold.samples_lost())}"
+        return ", ".join([text, *describe_events(fold.frames_moved(), fold.times_ignored())])
 
     def _warn(self):
         session, pace = self._session, self._pace
@@ -142,7 +142,7 @@ class SessionMonitor:
             if not silent and pace.allows(sentence.partition(" since ")[0]):
                 log.warning(sentence)
         self._room.report(session.reader.findings)
-        gaps, lost = session.gaps, session.samples_lost
+        gaps, lost = session.fold.gaps(), session.fold.samples_lost()
         many = gaps - self._latest_gaps >= _MANY_GAPS
         self._latest_gaps = gaps
         if gaps > self._gaps and pace.allows("gaps"):
@@ -152,7 +152,7 @@ class SessionMonitor:
                 text += f"; {_TOO_SLOW}"
             log.warning(text)
             self._gaps, self._lost = gaps, lost
-        moved, ignored = session.frames_moved, session.times_ignored
+        moved, ignored = session.fold.frames_moved(), session.fold.times_ignored()
         if (moved, ignored) != (self._moved, self._ignored) and pace.allows("timing"):
             for event in describe_events(moved - self._moved, ignored - self._ignored):
                 log.warning(f"at {session.time_s:.1f} s: {event}")

@@ -158,11 +158,6 @@ class LiveSession:
         return {name: round(ppm, 3) if math.isfinite(ppm) else None for name, ppm in offsets_ppm}
 
     @property
-    def failure(self):
-        """The exception that ended the chain, or None."""
-        return self.reader.failure
-
-    @property
     def recording_failure(self) -> OSError | None:
         """The error that stopped a recording, or None."""
         return next((each.failure for each in self.recorders if each.failure is not None), None)
@@ -174,34 +169,9 @@ class LiveSession:
         return self.source.nitems_written(0) if self._running else 0
 
     @property
-    def samples_received(self) -> int:
-        """Number of samples received, those before the first frame included."""
-        return self.source.received
-
-    @property
-    def samples_lost(self) -> int:
-        """Number of samples that gaps account for."""
-        return self.fold.samples_lost()
-
-    @property
-    def gaps(self) -> int:
-        """Number of gaps in the stream."""
-        return self.fold.gaps()
-
-    @property
-    def frames_moved(self) -> int:
-        """Times that the frame timing shifted without an ``rx_time`` tag."""
-        return self.fold.frames_moved()
-
-    @property
-    def times_ignored(self) -> int:
-        """Number of implausible ``rx_time`` tags."""
-        return self.fold.times_ignored()
-
-    @property
     def time_s(self) -> float:
         """Length of the stream since the first frame, lost samples included."""
-        samples = self.samples + self.samples_lost + self.fold.samples_moved()
+        samples = self.samples + self.fold.samples_lost() + self.fold.samples_moved()
         return samples / self._scene.radio.sample_rate_hz
 
     @property

@@ -122,8 +122,8 @@ def _receive(scene, request):
         radio.stop()
         session.stop()
     warn_of_oscillators(links[0])
-    if session.failure is not None:
-        raise session.failure
+    if session.reader.failure is not None:
+        raise session.reader.failure
     if session.alignment.offset is None:
         return links[0], session, None
     return links[0], session, samples_of(keeper.samples)
@@ -134,9 +134,9 @@ def _measure(findings, scene, session, samples):
     findings.levels = asdict(measure_levels(samples, waveform))
     delay = (session.alignment.offset + MARGIN) % waveform.frame_length
     findings.delay_us = delay / waveform.sample_rate_hz * 1e6
-    findings.samples_lost = session.samples_lost
-    findings.frames_moved = session.frames_moved
-    findings.times_ignored = session.times_ignored
+    findings.samples_lost = session.fold.samples_lost()
+    findings.frames_moved = session.fold.frames_moved()
+    findings.times_ignored = session.fold.times_ignored()
     groups = session.latest
     for index, sensor in enumerate(scene.sensors):
         findings.sensors.append(measure_tag(sensor.name, index, groups))

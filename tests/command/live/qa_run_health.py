@@ -40,12 +40,11 @@ class Run:
         )
         self.cancelled = []
         self.session = SimpleNamespace(
-            samples_received=0,
+            source=SimpleNamespace(received=0),
             start_s=100.0,
             clock=(980.0, 0.002),
             time_s=1.0,
-            gaps=0,
-            samples_lost=0,
+            fold=SimpleNamespace(gaps=lambda: 0, samples_lost=lambda: 0),
             clock_offsets_ppm={"arm": 40.1},
             alignment=SimpleNamespace(offset=0),
             reader=SimpleNamespace(
@@ -63,7 +62,7 @@ class Run:
         """Receive for so long, in steps of 0.1 s."""
         for _ in range(round(10 * seconds)):
             self.now_s += 0.1
-            self.session.samples_received += 1
+            self.session.source.received += 1
             reading = Reading(round(self.now_s, 3), "arm", touch, flags=flags)
             self.session.reader.counts.note([reading])
             self.health.note(reading)

@@ -20,12 +20,9 @@ from wiforce_app.radio.request import RadioRequest
 
 def session_in_words():
     """What a monitor asks of a session."""
+    counts = ("gaps", "samples_lost", "frames_moved", "times_ignored")
     return SimpleNamespace(
-        gaps=0,
-        samples_lost=0,
-        frames_moved=0,
-        times_ignored=0,
-        samples_received=0,
+        fold=SimpleNamespace(**{name: lambda: 0 for name in counts}),
         time_s=1.0,
         recording_failure=None,
         alignment=SimpleNamespace(searches=0, offset=0),
@@ -50,7 +47,8 @@ def test_session_monitor_timing_shift_warns_of_times_and_claims_no_loss(capsys):
     )
     for moved, ignored, warned in cases:
         now[0] += 1.1
-        session.frames_moved, session.times_ignored = moved, ignored
+        session.fold.frames_moved = lambda moved=moved: moved
+        session.fold.times_ignored = lambda ignored=ignored: ignored
         monitor.look()
         lines = capsys.readouterr().err.splitlines()
         assert len(lines) == len(warned)
@@ -83,7 +81,8 @@ def test_session_monitor_many_gaps_advises_larger_socket_buffers(capsys):
     monitor = session_monitor.SessionMonitor(session, HEALTH, now=lambda: now[0])
     for gaps, lost, warned in ((1, 100, False), (7, 600, True)):
         now[0] += 1.1
-        session.gaps, session.samples_lost = gaps, 100 * gaps
+        session.fold.gaps = lambda gaps=gaps: gaps
+        session.fold.samples_lost = lambda gaps=gaps: 100 * gaps
         monitor.look()
         said = capsys.readouterr().err
         assert said.count("\n") == 1 and f"{lost} samples lost" in said
@@ -127,18 +126,16 @@ def test_session_counts_no_samples_until_its_flowgraph_runs():
         asked.append(True)
         return 7
 
-    session.source = SimpleNamespace(
-        nitems_written=count, received=0, attach=lambda stream, aligned: None
-    )
+    session.source = SimpleNamespace(nitems_written=count, attach=lambda stream, aligned: None)
 
     def start():
-        seen.append((session.samples, session.samples_received, session.behind_s))
+        seen.append((session.samples, session.behind_s))
 
     session._flowgraph = SimpleNamespace(start=start)
     ours, theirs = socket.socketpair()
     with ours, theirs:
         session.attach(SimpleNamespace(take_samples=lambda: ours, aligned=False))
-    assert seen == [(0, 0, 0.0)] and not asked
+    assert seen == [(0, 0.0)] and not asked
     assert session.samples == 7
 
 
