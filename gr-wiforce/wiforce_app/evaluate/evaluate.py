@@ -234,7 +234,7 @@ def _expected(sensor):
     least = "at most" if sensor["radio_noise"] else "bound"
     return {
         **expected,
-        "method": "expected",
+        "method": "expected over the span",
         "phase_deg": np.mean(expected["phase_deg"]),
         "phase_rms_deg": f"{_figure_text(sensor['bound_rms_deg'])} ({least})",
     }

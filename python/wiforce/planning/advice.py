@@ -178,6 +178,8 @@ def _motion_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
             f"moving clutter reaches {scene.simulation.moving_clutter_hz:g} Hz, but "
             f"environment.moving_clutter_hz is {plan.clutter_hz:g}: it leaks into the lines"
         )
+    if scene.simulation.moves:
+        yield "simulation.moves: the errors above are those of tags that stand still"
     if plan.reference_groups < _FEW_REFERENCE_GROUPS:
         share = 100 / (1 + plan.reference_groups)
         yield (

@@ -7,8 +7,8 @@ passing such phases through the reader's sensor model.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +21,6 @@ from ..signal.carrier import wrap_deg
 from ..signal.switching import harmonics
 from ..simulation.channel import PEAK
 from ..simulation.paths import NOISE_PEAK
-from ..simulation.presses import pressed_sensor
 from ..simulation.radio import noise_over_static
 from .loss import Snapshots
 
@@ -151,54 +150,43 @@ _UNTOUCHED_SWEEPS = 10
 _LONGEST = 1250
 # Of the phases of a radio without noise, where a variance is divided by.
 _NOISELESS_DEG = 1e-6
-# Most groups of a scene whose readings are drawn at random, and draws of each.
-_GROUPS, _DRAWS = 300, 16
 
-
-# Median errors of phases, force and location.
-_Medians = tuple[tuple[float, ...] | None, float | None, float | None]
-_Stated = tuple[tuple[float, ...], float, float, float]
 # What limits the force, as Expected.limited_by.
-RADIO, CALIBRATION, OFF_STATES = "radio", "calibration", "off states"
+RADIO, CALIBRATION = "radio", "calibration"
+OFF_STATES, ANTENNAS = "off states", "two antennas"
 _LIMITS = {
     RADIO: "noise of the radio",
     CALIBRATION: "calibration",
     OFF_STATES: "off_reflection_std",
+    ANTENNAS: "ratio of two antennas, which is not linear",
 }
 
 
 @dataclass(frozen=True)
 class Expected:
-    """Expected errors of one sensor."""
+    """Expected errors of one sensor; None where it is not readable.
+
+    Errors are medians over the calibrated span, by noise and the errors that the calibration
+    states, while only what presses moves.
+    """
 
     sensor: str
-    phase_std_deg: tuple[float, ...]  # of a reading while nothing changes
-    # Median, of changes against the untouched sensor; None if not readable.
-    phase_error_deg: tuple[float, ...] | None
-    # Median error while touched, from noise and from the reader's sensor model; so is
-    # ``location_error_mm``.
-    force_error_n: float | None
-    location_error_mm: float | None
-    # What causes most of the variance of the force: radio, calibration or off states.
-    limited_by: str | None = None  # None if not readable
-    # Medians of force (N) and location (mm) over the calibrated span, as the calibration states
-    # them; None where the errors above are these, since the scene has no presses.
-    over_span: tuple[float, float] | None = None
+    phase_std_deg: tuple[float, ...]  # by noise, of a reading while nothing changes
+    phase_error_deg: tuple[float, ...] | None = None  # of changes against the untouched sensor
+    force_error_n: float | None = None
+    location_error_mm: float | None = None
+    # What causes most of the variance of the force.
+    limited_by: str | None = None
     flagged: float | None = None  # share of the calibrated span in which readings are flagged
 
     def __str__(self) -> str:
         error, std = self.phase_error_deg, self.phase_std_deg
         if error is None or self.limited_by is None:
             return f"{self.sensor}: not readable"
-        # Presses that are known hide what the calibration states, and may be its best ones.
-        presses = (self.force_error_n, self.location_error_mm)
-        force_n, location_mm = self.over_span or presses
-        text = f"{self.sensor}: force {force_n:.3g} N and location {location_mm:.3g} mm over the "
-        text += "calibrated span"
+        text = f"{self.sensor}: force {self.force_error_n:.3g} N and location "
+        text += f"{self.location_error_mm:.3g} mm over the calibrated span"
         if self.flagged:
             text += f" without the {self.flagged:.0%} where readings are flagged"
-        if self.over_span:
-            text += f" ({presses[0]:.3g} N, {presses[1]:.3g} mm in the scene's presses)"
         return (
             f"{text}, limited by the {_LIMITS[self.limited_by]}; phase errors {error[0]:.3g} deg "
             f"at port 1 and {error[1]:.3g} deg at port 2 (standard deviations of their noise "
@@ -207,50 +195,46 @@ class Expected:
 
 
 def expect(plan: Plan) -> tuple[Expected, ...]:
-    """Expected errors of every sensor of a plan, by the ``simulation`` of its scene.
-
-    Where nothing is pressed, by the calibrated span, with the errors that it states.
-    """
-    scene = plan.require_scene()
+    """Expected errors of every sensor of a plan, by the ``simulation`` of its scene."""
+    scene, carrier_hz = plan.require_scene(), plan.center_frequency_hz
     levels = receive_levels(scene)
-    carrier_hz = plan.center_frequency_hz
-    points = _pressed_points(scene)
     found = []
-    stds = _phase_std(plan, points, levels)
-    for i, (sensor, std) in enumerate(zip(plan.sensors, stds, strict=True)):
-        model, pressed = sensor.model, points[i]
-        medians: _Medians = (None, None, None)
-        limit = span = flagged = None
+    for i, (sensor, noise) in enumerate(zip(plan.sensors, phase_std_deg(plan), strict=True)):
+        own = Expected(sensor.name, tuple(noise.tolist()))
         if not why_not_readable(scene, i, levels):
-            where = (_span(model) if pressed is None else pressed)[:, :2]
-            wrong = np.sqrt(np.mean(_off_error_deg(sensor, carrier_hz, where) ** 2, axis=0))
-            stated = _stated(model, carrier_hz, np.hypot(std, wrong))
-            flagged = stated[3]
-            if pressed is None:
-                medians = stated[:3]
-            else:
-                span = stated[1:3]
-                noise = np.hypot(std, _curvature_deg(scene))
-                medians = _drawn(model, carrier_hz, pressed, np.hypot(noise, wrong))
-            limit = _limit(model, carrier_hz, where, std, wrong)
-        found.append(Expected(sensor.name, tuple(std.tolist()), *medians, limit, span, flagged))
+            model = sensor.model
+            off = np.sqrt(np.mean(_off_error_deg(sensor, carrier_hz, _span(model)) ** 2, axis=0))
+            stds = {RADIO: noise, OFF_STATES: off, ANTENNAS: np.full(2, _curvature_deg(scene))}
+            std = _together(stds.values())
+            untouched = np.array(model.noise_deg(carrier_hz)) / np.sqrt(_UNTOUCHED_SWEEPS)
+            force, location, flagged = errors_over_span(model, carrier_hz, np.hypot(std, untouched))
+            own = replace(
+                own,
+                phase_error_deg=tuple((MEDIAN * std).tolist()),
+                force_error_n=MEDIAN * force,
+                location_error_mm=MEDIAN * location,
+                limited_by=_limit(model, carrier_hz, stds),
+                flagged=flagged,
+            )
+        found.append(own)
     return tuple(found)
 
 
-def _limit(
-    model: SensorModel, carrier_hz: float, points: np.ndarray, noise: np.ndarray, wrong: np.ndarray
-) -> str:
-    """What most of the variance of the force at ``points`` (n, 2) comes from, by phases (2,)."""
+def _together(stds: Iterable[np.ndarray]) -> np.ndarray:
+    """Standard deviations (2,) of the sum of independent errors."""
+    return np.asarray(np.sqrt(sum((std**2 for std in stds), np.full(2, _NOISELESS_DEG**2))))
 
-    def share(std: np.ndarray) -> float:
-        return float(np.median((_spread(model, carrier_hz, points, std)[:, 0] / together) ** 2))
 
-    together = _spread(model, carrier_hz, points, np.hypot(noise, wrong))[:, 0]
-    shares = {
-        RADIO: 1 - share(np.maximum(wrong, _NOISELESS_DEG)),
-        OFF_STATES: 1 - share(noise),
-        CALIBRATION: share(np.full(2, _NOISELESS_DEG)),
-    }
+def _limit(model: SensorModel, carrier_hz: float, stds: dict[str, np.ndarray]) -> str:
+    """What most of the variance of the force comes from, by phases (2,) of each cause."""
+
+    def variance(causes: Iterable[str]) -> np.ndarray:
+        std = _together(stds[cause] for cause in causes)
+        return _spread(model, carrier_hz, _span(model), std)[:, 0] ** 2
+
+    whole = variance(stds)
+    shares = {cause: np.median(1 - variance(stds.keys() - {cause}) / whole) for cause in stds}
+    shares[CALIBRATION] = np.median(variance(()) / whole)
     return max(shares, key=lambda cause: shares[cause])
 
 
@@ -303,19 +287,11 @@ def _rms(values: np.ndarray) -> float:
 
 
 def phase_std_deg(plan: Plan) -> np.ndarray:
-    """Noise of the phases alone as ``Expected.phase_std_deg`` of every sensor, (S, 2)."""
-    scene = plan.require_scene()
-    return _phase_std(plan, _pressed_points(scene), receive_levels(scene))
+    """Noise of the phases alone as ``Expected.phase_std_deg`` of every sensor, (S, 2).
 
-
-def _phase_std(
-    plan: Plan, points: Sequence[np.ndarray | None], levels: ReceivedLevels
-) -> np.ndarray:
-    """Noise of the phases of readings; shape (S, 2).
-
-    From the bound of arg R to psi, whose slope is |D| / |G| on average over the presses.
+    From the bound of arg R to psi, whose slope is |D| / |G| on average over the calibrated span.
     """
-    waveform, tags = plan.waveform, plan.require_scene().simulation.tags
+    scene, waveform = plan.require_scene(), plan.waveform
     length = min(plan.group_length, _LONGEST)
     times_s, clutter = np.arange(length) * waveform.snapshot_period_s, None
     if plan.times_s is not None:
@@ -323,16 +299,16 @@ def _phase_std(
         period_s = waveform.snapshot_period_s
         clutter = Snapshots.of(length, period_s, 0.0, plan.clutter_hz, times_s).clutter
     sizes = []
-    for sensor, pressed in zip(plan.sensors, points, strict=True):
-        where = _span(sensor.model) if pressed is None else pressed
-        phases = sensor.model.phases_deg(where[:, 0], where[:, 1], plan.center_frequency_hz)
+    for sensor in plan.sensors:
+        force_n, location_mm = _span(sensor.model).T
+        phases = sensor.model.phases_deg(force_n, location_mm, plan.center_frequency_hz)
         switched = np.exp(1j * np.radians(phases)) - sensor.off_reflection
         sizes.append(np.sqrt(np.mean(np.abs(switched) ** 2, axis=0)))
-    amplitudes = 10 ** (np.array([[tag.level_db] for tag in tags]) / 20) * sizes
+    amplitudes = 10 ** (np.array([[tag.level_db] for tag in scene.simulation.tags]) / 20) * sizes
     subcarriers = len(waveform.bins)
     bound = phase_bound_deg(
         np.repeat(amplitudes.reshape(-1, 1).astype(complex), subcarriers, axis=1),
-        np.full(subcarriers, levels.total),
+        np.full(subcarriers, receive_levels(scene).total),
         [(hz, 1.0 + 2.4 * i) for i, hz in enumerate(plan.clocks_hz)],
         times_s,
         waveform.averaging_s,
@@ -347,42 +323,14 @@ def _phase_std(
 
 
 def _curvature_deg(scene: Scene) -> float:
-    """Phase error of a ratio of antennas: |T| / |S| in reference and reading; 0 for one."""
+    """Phase error of a ratio of antennas: |T| / |S| in reference and reading; 0 for one.
+
+    That of packets is solved for (docs/wifi.md).
+    """
     level_db = scene.simulation.static_clutter_db
-    if scene.environment.receive_antennas == 1 or level_db is None:
+    if scene.environment.receive_antennas == 1 or scene.packets or level_db is None:
         return 0.0
     return float(np.degrees(2 * 10 ** (-level_db / 20) / line_amplitude(scene)))
-
-
-def _pressed_points(scene: Scene) -> list[np.ndarray | None]:
-    """:func:`_presses` of every sensor."""
-    return [_presses(scene, i) for i in range(len(scene.sensors))]
-
-
-def _presses(scene: Scene, index: int) -> np.ndarray | None:
-    """Groups steadily touched (n, 6): force, location, phase changes and what is motion."""
-    carrier_hz = scene.radio.center_frequency_hz
-    simulation, period_s = scene.simulation, scene.group_period_s
-    truth = scene.load_model(simulation.tags[index].truth_model)
-    pressed = pressed_sensor(scene, index, elastic=True)
-    presses = pressed.presses
-    rows = []
-    for press in presses:
-        end_s = min(press.end_s, simulation.duration_s)
-        times = (np.arange(press.start_s // period_s, end_s // period_s + 1) + 0.5) * period_s
-        times = times[:: max(1, len(times) * len(presses) // _GROUPS)]
-        around = pressed.state(np.concatenate([times - period_s, times, times + period_s]))
-        steady = around.touch.reshape(3, -1).all(axis=0)
-        if not steady.any():
-            continue
-        times, states = times[steady], pressed.state(times[steady])
-        moved = np.broadcast_to(pressed.motion(times), times.shape)
-        moved = moved * np.conj(pressed.motion(np.array([press.start_s])))
-        motion = np.degrees(np.angle(moved))[:, None]
-        change = pressed.mean_phases_deg(times, period_s) - truth.untouched_deg(carrier_hz)
-        contact = np.stack([states.force_n, states.location_mm], axis=1)
-        rows.append(np.hstack([contact, change + motion, motion, motion]))
-    return np.concatenate(rows) if rows else None
 
 
 def _span(model: SensorModel) -> np.ndarray:
@@ -391,29 +339,6 @@ def _span(model: SensorModel) -> np.ndarray:
         np.linspace(low, high, 3) for low, high in (model.force_span_n, model.location_span_mm)
     )
     return np.stack(np.meshgrid(forces, locations, indexing="ij"), axis=-1).reshape(-1, 2)
-
-
-def _drawn(model: SensorModel, carrier_hz: float, points: np.ndarray, std: np.ndarray) -> _Medians:
-    """Median errors of phases, force and location; off states that show motion are not used."""
-    noise = std * np.random.default_rng(0).standard_normal((_DRAWS, len(points), 2))
-    phases = points[:, 2:4] + model.untouched_deg(carrier_hz) + noise
-    found = model.invert(phases.reshape(-1, 2), std, frequency_hz=carrier_hz)
-    force = found.force_n - np.tile(points[:, 0], _DRAWS)
-    location = found.location_mm - np.tile(points[:, 1], _DRAWS)
-    phase = np.median(np.abs(points[:, 4:6] + noise), axis=(0, 1))
-    return tuple(phase.tolist()), _median(force), _median(location)
-
-
-def _median(error: np.ndarray) -> float | None:
-    known = np.isfinite(error)
-    return float(np.median(np.abs(error[known]))) if known.any() else None
-
-
-def _stated(model: SensorModel, carrier_hz: float, std: np.ndarray) -> _Stated:
-    """The same from the errors that the calibration states."""
-    untouched = np.array(model.noise_deg(carrier_hz)) / np.sqrt(_UNTOUCHED_SWEEPS)
-    force, location, flagged = errors_over_span(model, carrier_hz, np.hypot(std, untouched))
-    return tuple((MEDIAN * std).tolist()), MEDIAN * force, MEDIAN * location, flagged
 
 
 def _spread(

@@ -325,8 +325,8 @@ def strip_presses(scene: "Scene", skin: "Skin", strip: int) -> list[Press]:
     return found
 
 
-def pressed_sensor(scene: "Scene", index: int, elastic: bool = False) -> PressedSensor:
-    """One sensor with the presses on it and on the surface; ``elastic`` ignores its beam."""
+def pressed_sensor(scene: "Scene", index: int) -> PressedSensor:
+    """One sensor with the presses on it and on the surface."""
     simulation, name = scene.simulation, scene.sensors[index].name
     tag = simulation.tags[index]
     moves = [move for move in simulation.moves if move.sensor == name]
@@ -334,8 +334,8 @@ def pressed_sensor(scene: "Scene", index: int, elastic: bool = False) -> Pressed
     skin = bare_skin(scene)
     if skin is not None and index in skin.indices:
         presses += strip_presses(scene, skin, skin.indices.index(index))
-    model, beam = scene.load_model(tag.truth_model), None if elastic else tag.beam
-    return PressedSensor(model, presses, moves, scene.radio.center_frequency_hz, beam)
+    model, carrier_hz = scene.load_model(tag.truth_model), scene.radio.center_frequency_hz
+    return PressedSensor(model, presses, moves, carrier_hz, tag.beam)
 
 
 def surface_truth(scene: "Scene", time_s: np.ndarray) -> list[list[dict[str, Any]]]:

@@ -9,6 +9,7 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
+from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.advice import improve, warnings
 from gnuradio.wiforce.planning.expected import error_map, expect, receive_levels
 from gnuradio.wiforce.planning.loss import losses_db
@@ -18,8 +19,8 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth import read_truth, score
-from long_cases import cases
 from plain import averaged_switches
+from wiforce_app.read.recordings import read_capture
 
 T, TA = 57.6e-6, 20.48e-6
 
@@ -105,41 +106,25 @@ def test_steps_operations_equal_hand_count():
     assert found["tones"] == pytest.approx(8 * 64 * pairs * rate)
 
 
-SHORT = {
-    "simulation": {
-        "truth_model": "line-900mhz",
-        "duration_s": 1.6,
-        "snr_db": -5,
-        "static_clutter_db": 40,
-        "presses": [
-            {"start_s": 0.35, "rise_s": 0.05, "hold_s": 1.05, "force_n": 5.0, "location_mm": 30.0}
-        ],
-    },
-    "reference_s": 0.3,
-}
-SECOND = {
-    **SHORT,
+PRESS = {"start_s": 0.35, "rise_s": 0.05, "hold_s": 0.5, "force_n": 3.0, "location_mm": 52.0}
+MOVING = {
     "phase_group": {"snapshots": 250},
     "environment": {"moving_clutter_hz": 40},
+    "reference_s": 0.3,
     "simulation": {
-        **SHORT["simulation"],
-        "snr_db": 0,
-        "moving_clutter_db": 20,
-        "seed": 4,
+        "truth_model": "line-900mhz",
         "duration_s": 1.0,
-        "presses": [
-            SHORT["simulation"]["presses"][0] | {"hold_s": 0.5, "force_n": 3.0, "location_mm": 52.0}
-        ],
+        "seed": 4,
+        "snr_db": 0,
+        "static_clutter_db": 40,
+        "moving_clutter_db": 20,
+        "presses": [PRESS],
     },
 }
 
 
-@pytest.mark.parametrize("sections", cases(SECOND, long=(SHORT,)), ids=["moving", "still"])
-def test_expect_simulated_scene_gives_errors_of_readings(sections, tmp_path):
-    from gnuradio.wiforce.io.capture import open_capture
-    from wiforce_app.read.recordings import read_capture
-
-    scene = scene_of(**sections)
+def test_expect_simulated_scene_gives_errors_of_readings(tmp_path):
+    scene = scene_of(**MOVING)
     expected = expect(plan(scene))[0]
     simulate(scene, tmp_path / "capture")
     readings = []
@@ -152,7 +137,6 @@ def test_expect_simulated_scene_gives_errors_of_readings(sections, tmp_path):
     phase = np.median(np.abs(found.phase_error_deg - bias))
     assert 1 / 1.5 < phase / np.mean(expected.phase_error_deg) < 1.5
     assert 0.5 < found.median_force_n / expected.force_error_n < 2
-    assert 0.5 < found.median_location_mm / expected.location_error_mm < 2
 
 
 def test_expect_noise_falls_with_energy_only():
@@ -174,15 +158,16 @@ def test_receive_levels_adc_steps_equal_simulator():
     assert 0.7 < levels.noise_steps / noise_steps < 1.41
 
 
-PRESS = {"start_s": 0.8, "hold_s": 0.5, "force_n": 4.0, "location_mm": 45.0}
+FAST = PRESS | {"start_s": 0.8, "rise_s": 0.02}
 
 
 @pytest.mark.parametrize(
     "scene, warning",
     [
         ({"sounding": {"repetitions": 2}}, "only one repetition is averaged"),
-        ({"simulation": {"presses": [{**PRESS, "rise_s": 0.02}]}}, "N_g against dynamics"),
-        ({"simulation": {"presses": [{**PRESS, "location_mm": 75.0}]}}, "calibrated for"),
+        ({"simulation": {"presses": [FAST]}}, "N_g against dynamics"),
+        ({"simulation": {"presses": [FAST | {"location_mm": 75.0}]}}, "calibrated for"),
+        ({"simulation": {"moves": [{"start_s": 1, "distance_mm": 9}]}}, "tags that stand still"),
         ({"simulation": {"static_clutter_db": 110, "snr_db": 20}}, "out of the ADC's range"),
         ({"simulation": {"tags": [{"clock2_duty": "two_frequencies"}]}}, "on at the same time"),
         ({"environment": {"reader_clock": "free"}}, "one receive antenna"),
@@ -209,7 +194,7 @@ def test_pressing_another_sensor_than_the_one_that_is_read_is_stated(model, anot
 
 
 def test_improve_proposals_have_stated_effect():
-    scene = scene_of(simulation={"presses": [{**PRESS, "rise_s": 0.02}]})
+    scene = scene_of(simulation={"presses": [FAST]})
     found = improve(plan(scene))
     guard = next(p for p in found if p.change.startswith("sounding.frame_length: 320"))
     # 2.25 x the snapshots, each as good
@@ -260,21 +245,20 @@ def test_errors_of_off_states_are_counted():
     assert maps[1] > 1.5 * maps[0]
 
 
-def test_plan_states_the_span_beside_the_presses_of_a_scene():
-    """Errors in presses that are known were taken for those of the calibration."""
-    sensors = [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 1035}]
-    simulation = {"truth_model": "line-900mhz", "presses": [PRESS]}
-    (alone,) = expect(plan({"sensors": sensors}))
-    (pressed,) = expect(plan({"sensors": sensors, "simulation": simulation}))
-    stated = alone.force_error_n, alone.location_error_mm
-    assert alone.over_span is None and pressed.over_span == pytest.approx(stated, rel=0.1)
-    assert " mm over the calibrated span, limited by" in str(alone)
-    assert str(pressed).startswith(f"arm: force {pressed.over_span[0]:.3g} N and location ")
-    assert f"({pressed.force_error_n:.3g} N, " in str(pressed)
-    # Of two locations that the paper measured, half of the span between them says nothing.
-    (partly,) = expect(plan({"sensors": [sensors[0] | {"model": "wiforce-900mhz"}]}))
+def test_share_of_the_span_that_is_flagged_is_stated():
+    """Of two locations that the paper measured, half of the span between them says nothing."""
+    sensor = {"name": "arm", "model": "wiforce-900mhz", "clock_hz": 1035}
+    (partly,) = expect(plan({"sensors": [sensor]}))
     assert f"span without the {partly.flagged:.0%} where readings are flagged, " in str(partly)
-    assert 0.4 < partly.flagged < 0.6 and not alone.flagged and not pressed.flagged
+    assert 0.4 < partly.flagged < 0.6
+
+
+def test_ratio_of_two_antennas_limits_a_weak_direct_path():
+    """Errors of 0.35 N were expected to be 0.06 N where the scene stated no press."""
+    environment = {"reader_clock": "free", "receive_antennas": 2}
+    scenes = [scene_of(environment=e, simulation={"snr_db": 20}) for e in (environment, {})]
+    two, one = (expect(plan(scene))[0] for scene in scenes)
+    assert two.limited_by == "two antennas" and two.force_error_n > 3 * one.force_error_n
 
 
 def test_command_draws_errors_over_force_and_location(tmp_path):
