@@ -3,5 +3,5 @@
 
 ``gr-wiforce emulate`` runs one; docs/radios.md describes it. `device` is the loop, `hardware` what
 it moves: registers, the streams (`receive`, `transmit`), and what is between the connectors
-(`frontend`, `cable`, `scene_air`). `host_link` is the host's side.
+(`frontend`, `scene_air`). `host_link` is the host's side.
 """

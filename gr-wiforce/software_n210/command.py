@@ -12,9 +12,9 @@ from contextlib import closing
 import click
 from gnuradio.wiforce.errors import InputError
 
-from .cable import Cable
 from .device import Device
 from .faults import GRAMMAR, parse_fault
+from .frontend import Cable
 from .wire import TICK_RATE
 
 _USAGE = {

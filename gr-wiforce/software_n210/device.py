@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterable
 
 from gnuradio.wiforce.errors import InputError
 
-from .cable import Cable
 from .faults import Fault
+from .frontend import Cable
 from .hardware import Hardware
 from .host_link import HostLink, Sockets, check_loopback
 from .wire import TICK_RATE, TX_PORT

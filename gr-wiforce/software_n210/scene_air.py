@@ -1,15 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The channel of a scene between the device's connectors, at absolute levels."""
 
-from dataclasses import replace
-
 import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.radio import Adc
 
-from .cable import Cable, SampleHistory, amplitude
-from .frontend import FULL_SCALE, REFERENCE_GAIN_DB
+from .frontend import FULL_SCALE, REFERENCE_GAIN_DB, Cable, SampleHistory, amplitude
 from .wire import TICK_RATE
 
 # A sounding waveform of this amplitude (its mean preamble power is the square), at the board's
@@ -21,6 +18,7 @@ _CARRIER_TOLERANCE = 1e-6
 class SceneAir(Cable):
     """Applies the channel of a scene to the transmitted signal; see docs/radios.md.
 
+    At another rate or carrier than the scene's only noise is received.
     Time 0 is the first sample of the first stream after the device is opened, in each session.
     ``reference_s`` is the signal at its begin that a reader takes for the untouched sensor.
     """
@@ -28,15 +26,15 @@ class SceneAir(Cable):
     def __init__(self, scene, delay_ticks):
         super().__init__(delay_ticks)
         self._scene, self.reference_s = scene, scene.reference_s
+        self._spacing = round(TICK_RATE / scene.radio.sample_rate_hz)
         self._adc = Adc(scene.simulation.adc_bits)
-        AirChannel(scene)  # raises an InputError for a scene that cannot be simulated
-        self._prepare(
-            round(TICK_RATE / scene.radio.sample_rate_hz), scene.radio.center_frequency_hz
-        )
+        self.restart()
 
     def restart(self):
         super().restart()
-        self._prepare(self._spacing, self._carrier_hz)
+        self._channel = AirChannel(self._scene)  # an InputError for one that cannot be simulated
+        self._received = SampleHistory()
+        self._origin, self._next = None, 0
 
     def forget(self, tick):
         super().forget(tick)
@@ -49,8 +47,8 @@ class SceneAir(Cable):
     def receive(self, chain, tick, spacing, count):
         if chain.stream_start is None:
             return np.zeros(count, np.complex64)
-        self._follow(chain, tick, spacing)
-        self._advance(chain, tick + (count - 1) * spacing)
+        self._continue_at(chain, tick, spacing)
+        self._advance(chain, tick + (count - 1) * spacing, spacing)
         return self._received.take(tick, spacing, count)
 
     def sensor(self, name):
@@ -69,29 +67,8 @@ class SceneAir(Cable):
         states = self._channel.touch_state([self.time_s])
         return {"sensors": {name: _plain(state) for name, state in states.items()}}
 
-    def _prepare(self, spacing, carrier_hz):
-        """Make the channel for a sample spacing and carrier; noise at carriers without a model."""
-        self._spacing, self._carrier_hz = spacing, carrier_hz
-        try:
-            self._channel = AirChannel(self._scene_at(spacing, carrier_hz))
-            self._silent = False
-        except InputError:
-            own_hz = self._scene.radio.center_frequency_hz
-            self._channel = AirChannel(self._scene_at(spacing, own_hz))
-            self._silent = True
-        self._received = SampleHistory()
-        self._origin, self._next = None, 0
-
-    def _scene_at(self, spacing, carrier_hz):
-        rate_hz = TICK_RATE / spacing
-        radio = replace(self._scene.radio, sample_rate_hz=rate_hz, center_frequency_hz=carrier_hz)
-        return replace(self._scene, radio=radio)
-
-    def _follow(self, chain, tick, spacing):
-        """Run at the rate and carrier of the streams, and continue at `tick`."""
-        carrier_hz = self._known_carrier()
-        if (spacing, carrier_hz) != (self._spacing, self._carrier_hz):
-            self._prepare(spacing, carrier_hz)
+    def _continue_at(self, chain, tick, spacing):
+        """Continue the channel at `tick`."""
         if self._origin is None:
             self._origin = chain.stream_start
         position = -(-(tick - self._origin) // spacing)
@@ -99,21 +76,20 @@ class SceneAir(Cable):
             self._channel.restart(position)
             self._next = position
 
-    def _known_carrier(self):
-        """The transmit carrier; the scene's own when they differ by rounding only."""
-        wanted = self._scene.radio.center_frequency_hz
-        actual = self.front_end.tx_carrier_hz
-        return wanted if abs(actual - wanted) <= _CARRIER_TOLERANCE * wanted else actual
+    def _is_tuned(self, spacing):
+        """Whether rate and transmit carrier are the scene's, but for rounding."""
+        wanted_hz = self._scene.radio.center_frequency_hz
+        offset_hz = abs(self.front_end.tx_carrier_hz - wanted_hz)
+        return spacing == self._spacing and offset_hz <= _CARRIER_TOLERANCE * wanted_hz
 
-    def _advance(self, chain, last_tick):
+    def _advance(self, chain, last_tick, spacing):
         """Run the channel until it covers `last_tick`."""
-        spacing = self._spacing
         count = (last_tick - self._origin) // spacing + 1 - self._next
         if count <= 0:
             return
         tick = self._origin + self._next * spacing
         sent = self._sent.take(tick - self._delay, spacing, count)
-        if self._silent:
+        if not self._is_tuned(spacing):
             sent[:] = 0
         received = self._channel.process(sent, self._next)
         received = self.front_end.to_receive_carrier(received, chain, tick, spacing)

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
-from software_n210.cable import Cable
 from software_n210.device import Device
 from software_n210.faults import parse_fault
+from software_n210.frontend import Cable
 
 CONTROL, TX = 49152, 49157
 PORTS = (49152, 49156, 49157, 49158, 49159, 49172)
