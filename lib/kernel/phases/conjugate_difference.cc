@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace gr::wiforce::kernel {
 
@@ -15,7 +14,6 @@ constexpr double reshaped_share = 0.2, reshaped_noise = 3.0;
 // Smallest share of the reference's power that is left when its noise is subtracted: R
 // stays finite where the reference is mostly noise.
 constexpr double least_power = 0.05;
-constexpr double degrees = 180 / M_PI;
 // An image whose profile is this similar to the channel itself (squared correlation) is
 // not separable from it.
 constexpr double similar_profile = 0.25;
@@ -210,30 +208,6 @@ difference conjugate_difference(const end_channels& ends,
                                   reshaped_noise * finite(found.gain[end]) * mean_noise;
     }
     return found;
-}
-
-ratio subcarrier_average(const complex* changes,
-                         const double* noise,
-                         std::size_t subcarriers,
-                         double gain,
-                         double reference_gain,
-                         double reference_power)
-{
-    double precision = 0;
-    complex sum;
-    for (std::size_t k = 0; k < subcarriers; k++) {
-        precision += 1 / noise[k];
-        sum += changes[k] / noise[k];
-    }
-    const complex mean = sum / precision;
-    const double energy = reference_power * precision, size = std::abs(mean);
-    double std = std::numeric_limits<double>::infinity();
-    if (energy > 0 && size > 0) {
-        const double rise = 1 + reference_gain * double(subcarriers) / energy;
-        // Half of the noise lies along the phase.
-        std = degrees * std::sqrt(gain * rise / energy / 2) / size;
-    }
-    return { mean, std };
 }
 
 } // namespace gr::wiforce::kernel

@@ -79,21 +79,4 @@ difference conjugate_difference(const end_channels& ends,
                                 std::size_t subcarriers,
                                 profile_check* check);
 
-// Ratios R of the ends of a group, and the standard deviations of their phases, in
-// degrees; infinite where there is none.
-struct ratio {
-    complex value;
-    double phase_std_deg;
-};
-
-// R = sum_k w_k X_k with w_k = 1 / sigma_k^2 for changes X of an end (K). Its variance is
-// g (1 + g_ref K / E) / E with E = sum_k |V_ref|^2 / sigma_k^2, where g and g_ref are the
-// gains of V and V_ref.
-ratio subcarrier_average(const complex* changes,
-                         const double* noise,
-                         std::size_t subcarriers,
-                         double gain,
-                         double reference_gain,
-                         double reference_power);
-
 } // namespace gr::wiforce::kernel

@@ -77,35 +77,6 @@ py::dict difference_of(const complex_array& ends,
                     "reshaped"_a = reshaped);
 }
 
-py::tuple average_of(const complex_array& changes,
-                     const array<double>& noise,
-                     const array<double>& gain,
-                     const array<double>& reference_gain,
-                     const array<double>& reference_power)
-{
-    const char* const rule = "subcarrier_average: changes must have shape (G, E, K), "
-                             "noise (G, K), gains and reference_power (G, E)";
-    const auto [groups, ends, subcarriers] = sizes_of<3>(changes, rule);
-    const shape by_end{ groups, ends };
-    require_shape(noise, { groups, subcarriers }, rule);
-    for (const auto* each : { &gain, &reference_gain, &reference_power })
-        require_shape(*each, by_end, rule);
-    complex_array ratios(by_end);
-    array<double> std_deg(by_end);
-    for (py::ssize_t group = 0; group < groups; group++)
-        for (py::ssize_t end = 0; end < ends; end++) {
-            const auto found = subcarrier_average(changes.data(group, end, 0),
-                                                  noise.data(group, 0),
-                                                  subcarriers,
-                                                  gain.at(group, end),
-                                                  reference_gain.at(group, end),
-                                                  reference_power.at(group, end));
-            *ratios.mutable_data(group, end) = found.value;
-            *std_deg.mutable_data(group, end) = found.phase_std_deg;
-        }
-    return py::make_tuple(ratios, std_deg);
-}
-
 array<double> steps_of(receiver_steps& steps,
                        const std::optional<complex_array>& static_path,
                        const complex_array& ratios,
@@ -150,10 +121,6 @@ void bind_phases(py::module& m)
           R"(ends: (G, E, K). gain: (G, E). noise: (G, K). noise_rise: (G, K) or None.
 reference: (E, K). reference_gain: (E,). check: with this reference, or None. Gives
 changes (G, E, K), and gain, reference_power, reference_gain and reshaped (G, E).)");
-    m.def(
-        "subcarrier_average",
-        &average_of,
-        "changes: (G, E, K). noise: (G, K). Others, ratios and std in degrees: (G, E).");
     py::class_<receiver_steps>(
         m,
         "receiver_steps",

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...signal.waveform import Waveform
-from ...wiforce_kernels import conjugate_difference, profile_check, subcarrier_average
+from ...wiforce_kernels import conjugate_difference, profile_check
 from ..groups import Array, Groups
 
 # Delays relative to the tag's own at which a room reflects: 45 m before, 75 m behind.
@@ -332,18 +332,21 @@ class ConjugateDifference:
 class SubcarrierAverage:
     """R_i = sum_k w_k X_i,k with w_k = 1 / sigma_k^2, and std(arg R) = sqrt(var(R) / 2) / |R|.
 
-    The noise of the reference is an error of the untouched phases, which the press filter knows.
+    var(R) = g (1 + g_ref K / E) / E with E = sum_k |V_ref|^2 / sigma_k^2. The noise of the
+    reference is an error of the untouched phases, which the press filter knows.
     """
 
     def process(self, groups: Groups) -> Groups:
         """Replace ``changes`` by ``ratios`` and ``phase_std_deg``, infinite without reference."""
         if not len(groups):
             return groups
-        ratios, std = subcarrier_average(
-            groups.changes,
-            groups.noise,
-            groups.gain,
-            groups.reference_gain,
-            groups.reference_power,
-        )
+        weights = 1 / groups.noise
+        precision = weights.sum(axis=1, keepdims=True)
+        ratios = np.einsum("gek,gk->ge", groups.changes, weights) / precision
+        energy = groups.reference_power * precision
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rise = 1 + groups.reference_gain * (weights.shape[1] / energy)
+            # Half of the noise lies along the phase.
+            std = np.degrees(np.sqrt(groups.gain * rise / energy / 2)) / np.abs(ratios)
+        std[~((energy > 0) & (np.abs(ratios) > 0))] = np.inf
         return groups.having(changes=None, ratios=ratios, phase_std_deg=std)
