@@ -8,7 +8,6 @@ from collections import abc
 from collections.abc import Callable, Sequence
 from functools import cache, wraps
 from numbers import Complex, Integral, Real
-from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -20,17 +19,18 @@ from ..wiforce_python import keep_thread_state, kept_with
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
-# What a message calls a type, alone and in a list. Classes of our own have their names.
-_WORDS: dict[Any, tuple[str, str]] = {
-    bool: ("True or False", "True or False"),
-    int: ("a whole number", "whole numbers"),
-    float: ("a number", "numbers"),
-    complex: ("a number", "numbers"),
-    str: ("text", "texts"),
-    Path: ("a Path", "Paths"),
-    dict: ("a dict", "dicts"),
-    abc.Callable: ("a function", "functions"),
-    type(None): ("None", "None"),
+# What a message calls a type. Classes have their names.
+_WORDS: dict[Any, str] = {
+    bool: "True or False",
+    int: "a whole number",
+    float: "a number",
+    complex: "a number",
+    str: "text",
+    abc.Callable: "a function",
+    type(None): "None",
+    Sequence[str]: "a list of texts",
+    Sequence[float]: "a list of numbers",
+    tuple[float, float]: "2 numbers",
 }
 
 
@@ -60,7 +60,7 @@ def typed(function: Callable[_P, _R]) -> Callable[_P, _R]:
 def _checked(name: str, value: Any, hint: Any) -> Any:
     kinds = _kinds(hint)
     if not any(_is_of(value, kind) for kind in kinds):
-        *others, last = dict.fromkeys(_words(kind)[0] for kind in kinds)
+        *others, last = dict.fromkeys(_words(kind) for kind in kinds)
         rule = f"{', '.join(others)} or {last}" if others else last
         raise InputError(name, f"must be {rule}", value)
     if int in kinds and isinstance(value, Real) and not isinstance(value, Integral):
@@ -79,7 +79,13 @@ def _is_of(value: Any, kind: Any) -> bool:
     if origin is abc.Callable:
         return callable(value)
     if origin in (Sequence, tuple):
-        return _are_of(value, kind)
+        items = get_args(kind)
+        return (
+            isinstance(value, Sequence | np.ndarray)
+            and not isinstance(value, str | bytes)
+            and (origin is Sequence or len(value) == len(items))
+            and all(_is_of(each, items[0]) for each in value)
+        )
     if origin is bool:
         return isinstance(value, bool | np.bool_) or isinstance(value, Integral) and value in (0, 1)
     if origin in (int, float, complex):
@@ -91,23 +97,9 @@ def _is_of(value: Any, kind: Any) -> bool:
     return isinstance(value, origin)
 
 
-def _are_of(values: Any, kind: Any) -> bool:
-    """Whether values are a list, tuple or array of the items that are annotated."""
-    if not isinstance(values, Sequence | np.ndarray) or isinstance(values, str | bytes):
-        return False
-    items = get_args(kind)
-    if get_origin(kind) is tuple and len(values) != len(items):
-        return False
-    return all(_is_of(value, items[0]) for value in values)
-
-
-def _words(kind: Any) -> tuple[str, str]:
+def _words(kind: Any) -> str:
     origin = get_origin(kind) or kind
-    if origin is Sequence:
-        return f"a list of {_words(get_args(kind)[0])[1]}", "lists"
-    if origin is tuple:
-        return f"{len(get_args(kind))} {_words(get_args(kind)[0])[1]}", "lists"
-    return _WORDS.get(origin, (f"a {origin.__name__}", f"{origin.__name__}s"))
+    return _WORDS.get(kind) or _WORDS.get(origin, f"a {origin.__name__}")
 
 
 class Kept:
