@@ -345,14 +345,7 @@ def _spread(
     model: SensorModel, frequency_hz: float, points: np.ndarray, phase_std_deg: np.ndarray
 ) -> np.ndarray:
     """Standard deviations of force and location at each press; shape (n, 2)."""
-    forward = model.inverter(frequency_hz).forward
-    at = forward.clip(*points.T)
-    slopes = forward.slopes(*at)
-    model_variance = model.model_std_deg(points[:, 0], points[:, 1], frequency_hz) ** 2
-    model_variance += contradiction_deg(model, frequency_hz, points[:, 1]) ** 2
-    variance = phase_std_deg**2 + model_variance
-    normal = np.einsum("npa,npb,np->nab", slopes, slopes, 1 / variance)
-    # The prior: force and location are uniform over the model's domain.
-    normal[:, 0, 0] += 12 / np.ptp(forward.force_n) ** 2
-    normal[:, 1, 1] += 12 / np.ptp(forward.location_mm) ** 2
-    return np.sqrt(np.einsum("naa->na", np.linalg.inv(normal)))
+    variance = phase_std_deg**2 + model.model_std_deg(points[:, 0], points[:, 1], frequency_hz) ** 2
+    variance += contradiction_deg(model, frequency_hz, points[:, 1]) ** 2
+    covariance = model.inverter(frequency_hz).covariance(points[:, 0], points[:, 1], variance)
+    return np.sqrt(np.einsum("naa->na", covariance))

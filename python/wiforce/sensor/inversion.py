@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,91 +28,6 @@ _MARGIN_FORCE = 0.25
 _CLEAR_OF_END_MM = 1.0
 # Degrees turned over all forces times those over all locations: 2.4 GHz on 80 mm have 30 000.
 _MOST_TURNS_DEG2 = 500_000.0
-
-
-class ForwardMap:
-    """Phases, not wrapped, of P = 2 per carrier over the domain in which solutions are looked for.
-
-    Refuses a model whose phases are not finite, or turn on and on.
-    """
-
-    def __init__(self, model: SensorModel, carriers: tuple[int, ...]) -> None:
-        low, high = model.force_span_n
-        first, last = model.location_span_mm
-        top = high + _MARGIN_FORCE * (high - low)
-        self.force_n = np.geomspace(model.onset_force_n, top, _FORCE_NODES)
-        start = max(first - _MARGIN_MM, _CLEAR_OF_END_MM)
-        stop = min(last + _MARGIN_MM, model.length_mm - _CLEAR_OF_END_MM)
-        count = int(np.ceil((stop - start) / _LOCATION_STEP_MM)) + 1
-        self.location_mm = np.linspace(start, stop, count)
-        # Broadcast, so that the curves over force are evaluated once for all locations.
-        grid = self.force_n[:, None], self.location_mm[None]
-        shape = len(self.force_n), count, 2
-        self.phase_deg = np.concatenate(
-            [np.broadcast_to(model.short_deg(*grid, c), shape) for c in carriers], axis=-1
-        )
-        self._variance_deg2 = np.concatenate(
-            [np.broadcast_to(model.carrier_std_deg(*grid, c), shape) ** 2 for c in carriers],
-            axis=-1,
-        )
-        _check_turns(self.phase_deg, f"sensor {model.name}: phases")
-        self.size = self.phase_deg.shape[-1]
-        self._log_force = np.log(self.force_n)
-
-    @cached_property
-    def _phase(self) -> list[Any]:
-        return self._splines(self.phase_deg, 3)
-
-    @cached_property
-    def _variance(self) -> list[Any]:
-        return self._splines(self._variance_deg2, 1)
-
-    def _splines(self, values: Array, degree: int) -> list[Any]:
-        from scipy.interpolate import RectBivariateSpline  # readings need the nodes alone
-
-        axes = self._log_force, self.location_mm
-        planes = np.moveaxis(values, -1, 0)
-        return [RectBivariateSpline(*axes, plane, kx=degree, ky=degree, s=0) for plane in planes]
-
-    def phases(self, force_n: ArrayLike, location_mm: ArrayLike) -> Array:
-        """Shape (n, P), degrees, not wrapped."""
-        return self._evaluate(self._phase, force_n, location_mm)
-
-    def variances(self, force_n: ArrayLike, location_mm: ArrayLike) -> Array:
-        """Variance of the phases from what the calibration left open; shape (n, P)."""
-        return np.maximum(self._evaluate(self._variance, force_n, location_mm), 0.0)
-
-    def slopes(self, force_n: ArrayLike, location_mm: ArrayLike) -> Array:
-        """Derivatives by force and by location; shape (n, P, 2)."""
-        by_force = self._evaluate(self._phase, force_n, location_mm, 1, 0)
-        by_location = self._evaluate(self._phase, force_n, location_mm, 0, 1)
-        return np.stack([by_force / np.asarray(force_n)[:, None], by_location], axis=-1)
-
-    def table(self) -> Array:
-        """Nodes (F, L, P, 5) of ``tabulated_model.h``: phases, slopes by log F, l, both; var."""
-        phase = self.phase_deg
-        by_force = np.tensordot(node_slopes(self._log_force), phase, 1)
-        across = node_slopes(self.location_mm)
-        by_location, by_both = (across @ values for values in (phase, by_force))
-        return np.stack([phase, by_force, by_location, by_both, self._variance_deg2], axis=-1)
-
-    def _evaluate(
-        self,
-        splines: list[Any],
-        force_n: ArrayLike,
-        location_mm: ArrayLike,
-        dx: int = 0,
-        dy: int = 0,
-    ) -> Array:
-        log_force = np.log(force_n)
-        return np.stack([s.ev(log_force, location_mm, dx=dx, dy=dy) for s in splines], axis=-1)
-
-    def clip(self, force_n: ArrayLike, location_mm: ArrayLike) -> tuple[Array, Array]:
-        """Force and location brought into the domain."""
-        return (
-            np.clip(force_n, self.force_n[0], self.force_n[-1]),
-            np.clip(location_mm, self.location_mm[0], self.location_mm[-1]),
-        )
 
 
 def _check_turns(phase_deg: Array, where: str) -> None:
@@ -192,19 +107,71 @@ class Inversion:
 
 
 class Inverter:
-    """Inverts one model at some carriers, by ``lib/kernel/inversion/press_posterior.h``."""
+    """Inverts one model at some carriers, by ``lib/kernel/inversion/press_posterior.h``.
+
+    Solutions are looked for among rising ``force_n`` and ``location_mm``, the nodes of its table of
+    the P phases, two per carrier. A model whose phases are not finite, or turn on and on, is
+    refused.
+    """
 
     def __init__(self, model: SensorModel, carriers: tuple[int, ...]) -> None:
-        self.forward = ForwardMap(model, carriers)
+        low, high = model.force_span_n
+        first, last = model.location_span_mm
+        top = high + _MARGIN_FORCE * (high - low)
+        self.force_n = np.geomspace(model.onset_force_n, top, _FORCE_NODES)
+        start = max(first - _MARGIN_MM, _CLEAR_OF_END_MM)
+        stop = min(last + _MARGIN_MM, model.length_mm - _CLEAR_OF_END_MM)
+        count = int(np.ceil((stop - start) / _LOCATION_STEP_MM)) + 1
+        self.location_mm = np.linspace(start, stop, count)
+        # Broadcast, so that the curves over force are evaluated once for all locations.
+        grid, shape = (self.force_n[:, None], self.location_mm[None]), (_FORCE_NODES, count, 2)
+        phase, std = (
+            np.concatenate([np.broadcast_to(of(*grid, c), shape) for c in carriers], axis=-1)
+            for of in (model.short_deg, model.carrier_std_deg)
+        )
+        _check_turns(phase, f"sensor {model.name}: phases")
+        self.size = phase.shape[-1]
         # An error of the ruler moves both phases as another location does, by the same distance.
         self.ruler_mm2 = (model.ruler_std_mm or 0.0) ** 2
+        by_force = np.tensordot(node_slopes(np.log(self.force_n)), phase, 1)
+        across = node_slopes(self.location_mm)
+        by_location, by_both = (across @ values for values in (phase, by_force))
         self.posterior = press_posterior(
-            self.forward.force_n,
-            self.forward.location_mm,
-            self.forward.table(),
+            self.force_n,
+            self.location_mm,
+            np.stack([phase, by_force, by_location, by_both, std**2], axis=-1),
             model.calibrated,
-            misfit_limit(self.forward.size, 1 - _CONSISTENT),
+            misfit_limit(self.size, 1 - _CONSISTENT),
         )
+
+    def at(self, force_n: ArrayLike, location_mm: ArrayLike) -> Array:
+        """Phases, their slopes by force and location, and variances, (4, ..., P), not wrapped.
+
+        Of presses brought into the domain.
+        """
+        force, location = np.broadcast_arrays(
+            np.clip(force_n, *self.force_n[[0, -1]]),
+            np.clip(location_mm, *self.location_mm[[0, -1]]),
+        )
+        found = self.posterior.model_at(force.ravel(), location.ravel())
+        return np.moveaxis(found, 1, 0).reshape(4, *force.shape, self.size)
+
+    def covariance(
+        self, force_n: ArrayLike, location_mm: ArrayLike, variance_deg2: ArrayLike | None = None
+    ) -> Array:
+        """Covariances (..., 2, 2) of force and location by errors of the phases (..., P).
+
+        By those of the model, which no average lowers, where none are given.
+        """
+        _, *slopes, variance = self.at(force_n, location_mm)
+        variance = np.maximum(variance if variance_deg2 is None else variance_deg2, 1e-12)
+        normal = np.einsum("a...p,b...p,...p->...ab", slopes, slopes, 1 / variance)
+        # No more can be unknown than the domain is wide: the prior is uniform.
+        normal[..., 0, 0] += 12.0 / np.ptp(self.force_n) ** 2
+        normal[..., 1, 1] += 12.0 / np.ptp(self.location_mm) ** 2
+        covariance: Array = np.linalg.inv(normal)
+        covariance[..., 1, 1] += self.ruler_mm2
+        return covariance
 
     def invert(
         self,
@@ -216,8 +183,8 @@ class Inverter:
         phases = np.asarray(phases_deg, float)
         if phases.ndim < 2:
             phases = np.atleast_2d(phases)
-        if phases.ndim != 2 or phases.shape[1] != self.forward.size:
-            rule = f"must have {self.forward.size} columns"
+        if phases.ndim != 2 or phases.shape[1] != self.size:
+            rule = f"must have {self.size} columns"
             raise InputError("phases_deg", rule, np.shape(phases_deg))
         std = _standard_deviations(std_deg, phases.shape)
         if location_mm is None:
@@ -225,7 +192,7 @@ class Inverter:
             values[:, -1] += self.ruler_mm2
             return inversion_of(values, codes)
         location = np.broadcast_to(np.asarray(location_mm, float), len(phases))
-        first, last = self.forward.location_mm[[0, -1]]
+        first, last = self.location_mm[[0, -1]]
         outside = location[(location < first) | (location > last)]
         if outside.size:
             rule = f"must lie from {first:g} to {last:g} mm"
@@ -247,19 +214,6 @@ class Inverter:
         if self.posterior.unobservable(force, location, np.max(std)):
             code |= INVERSION_FLAGS["force-unobservable"]
         return code
-
-    def systematic(self, force_n: float, location_mm: float) -> Array:
-        """Covariance (2, 2) of force and location by the model's error, which no average lowers."""
-        at = np.array([force_n]), np.array([location_mm])
-        slopes = self.forward.slopes(*at)[0]
-        variance = np.maximum(self.forward.variances(*at)[0], 1e-12)
-        normal = slopes.T @ (slopes / variance[:, None])
-        # no more can be unknown than the domain is wide
-        normal[0, 0] += 12.0 / np.ptp(self.forward.force_n) ** 2
-        normal[1, 1] += 12.0 / np.ptp(self.forward.location_mm) ** 2
-        covariance = np.linalg.inv(normal)
-        covariance[1, 1] += self.ruler_mm2
-        return covariance
 
 
 def _standard_deviations(std_deg: ArrayLike | None, shape: tuple[int, ...]) -> Array:

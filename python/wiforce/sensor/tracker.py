@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ..errors import InputError
 from ..signal.carrier import wrap_deg
 from ..wiforce_kernels import INVERSION_FLAGS
-from .inversion import ForwardMap, Inversion, inversion_of, misfit_limit, words_of
+from .inversion import Inversion, Inverter, inversion_of, misfit_limit, words_of
 from .splines import Array
 
 if TYPE_CHECKING:
@@ -24,49 +24,23 @@ _FINE_POINTS = 61
 _HALF_WIDTHS = 6.0
 _CLOSE_IN = 2.0
 _FINEST_MM = 1e-3
-_FORCE_NODES = 400
 _ITERATIONS = 4
 _SETTLED_N = 0.01
 # Force, its standard deviation, location, its own, and flags.
 Reported = tuple[float, float, float, float, tuple[str, ...]]
 
 
-class _PhaseCurves:
-    """Phases over force at each location of a grid, for quick look-up; linear between nodes."""
-
-    def __init__(self, forward: ForwardMap, location_mm: Array) -> None:
-        self.location_mm = location_mm
-        self._log = np.linspace(
-            np.log(forward.force_n[0]), np.log(forward.force_n[-1]), _FORCE_NODES
-        )
-        self._step = self._log[1] - self._log[0]
-        grid = np.broadcast_arrays(np.exp(self._log)[:, None], location_mm)
-        self._phase = forward.phases(*grid)
-        self._columns = np.arange(len(location_mm))
-        middle = np.full(len(location_mm), np.sqrt(forward.force_n[0] * forward.force_n[-1]))
-        slope = np.gradient(self._phase[_FORCE_NODES // 2], location_mm, axis=0)
-        # what the model errs by, and what a location between two of the grid would
-        self.variance = forward.variances(middle, location_mm)
-        self.variance += (slope * np.gradient(location_mm)[:, None]) ** 2 / 12
-
-    def __call__(self, force_n: Array) -> tuple[Array, Array]:
-        """Phases and their slopes by force at one force per location; each (M, P)."""
-        place = (np.log(force_n) - self._log[0]) / self._step
-        node = np.clip(place.astype(int), 0, _FORCE_NODES - 2)
-        low = self._phase[node, self._columns]
-        rise = self._phase[node + 1, self._columns] - low
-        slope = rise / (self._step * force_n)[:, None]
-        return low + rise * (place - node)[:, None], slope
-
-
 class FilterBank:
     """A filter of the force at each of M locations, with the log weight of the location."""
 
     def __init__(
-        self, forward: ForwardMap, location_mm: Array, start_n: float, start_std_n: float
+        self, inverter: Inverter, location_mm: Array, start_n: float, start_std_n: float
     ) -> None:
-        self._forward = forward
-        self.curves = _PhaseCurves(forward, location_mm)
+        self._inverter, self.location_mm = inverter, location_mm
+        middle_n = np.sqrt(inverter.force_n[0] * inverter.force_n[-1])
+        _, _, slope, variance = inverter.at(middle_n, location_mm)
+        # what the model errs by, and what a location between two of the grid would
+        self._model_variance = variance + (slope * np.gradient(location_mm)[:, None]) ** 2 / 12
         self.mean = np.full(len(location_mm), float(start_n))
         self.variance = np.full(len(location_mm), float(start_std_n) ** 2)
         self.log_weight = np.zeros(len(location_mm))
@@ -77,12 +51,12 @@ class FilterBank:
 
     def update(self, phases_deg: Array, std_deg: Array) -> float:
         """Take phases (P,), modulo 360, and noise; least squared residual of a location."""
-        low, high = self._forward.force_n[[0, -1]]
-        noise = std_deg**2 + self.curves.variance
+        low, high = self._inverter.force_n[[0, -1]]
+        noise = std_deg**2 + self._model_variance
         freedom = NOISE_FREEDOM + len(phases_deg)
         force = np.clip(self.mean, low, high)
         for _ in range(_ITERATIONS):
-            expected, slope = self.curves(force)
+            expected, slope, *_ = self._inverter.at(force, self.location_mm)
             # linearised at ``force``, seen from the prior mean
             error = wrap_deg(phases_deg - expected - slope * (self.mean - force)[:, None])
             weighted = slope / noise
@@ -112,7 +86,7 @@ class FilterBank:
 
     def place(self) -> tuple[float, float]:
         """Mean (mm) and variance (mm^2) of the location; any between two nodes is as likely."""
-        location, weight = self.curves.location_mm, self.weights()
+        location, weight = self.location_mm, self.weights()
         mean = weight @ location
         variance = weight @ (location - mean) ** 2 + np.min(np.diff(location)) ** 2 / 12
         return float(mean), float(variance)
@@ -125,14 +99,14 @@ class FilterBank:
 
     def close_in(self) -> FilterBank:
         """A bank on a finer grid where the location is known better than the grid is wide."""
-        location = self.curves.location_mm
+        location = self.location_mm
         spacing = np.min(np.diff(location))
         if np.sqrt(self.place()[1]) > _CLOSE_IN * spacing or spacing <= _FINEST_MM:
             return self
         finer = self.about_place(location[0], location[-1])
         if finer[1] - finer[0] >= spacing:
             return self
-        bank = FilterBank(self._forward, finer, 0.0, 1.0)
+        bank = FilterBank(self._inverter, finer, 0.0, 1.0)
         bank.mean = np.interp(finer, location, self.mean)
         bank.variance = np.interp(finer, location, self.variance)
         bank.log_weight = _parabolas(location, self.log_weight, finer)
@@ -179,13 +153,12 @@ class PressTracker:
             if not (np.isfinite(value) and value > 0):
                 raise InputError(name, "must be positive", value)
         self._inverter = model.inverter(frequency_hz)
-        self._forward = self._inverter.forward
         self._walk = force_walk_n**2 * group_period_s
         self._start_n = model.onset_force_n + START_ABOVE_ONSET_N
-        self._limit = misfit_limit(self._forward.size, 1 - _LOST)
+        self._limit = misfit_limit(self._inverter.size, 1 - _LOST)
         self._bank: FilterBank | None = None  # of the press that is followed
         self._lost = 0
-        first, last = self._forward.location_mm[[0, -1]]
+        first, last = self._inverter.location_mm[[0, -1]]
         count = int(np.ceil((last - first) / _COARSE_MM)) + 1
         self._coarse = np.linspace(first, last, count)
 
@@ -217,12 +190,12 @@ class PressTracker:
         return self._report(bank, std, lost)
 
     def _new_bank(self, location_mm: Array) -> FilterBank:
-        return FilterBank(self._forward, location_mm, self._start_n, START_ABOVE_ONSET_N)
+        return FilterBank(self._inverter, location_mm, self._start_n, START_ABOVE_ONSET_N)
 
     def _checked(self, phases_deg: ArrayLike, std_deg: ArrayLike) -> tuple[Array, Array]:
         phases = np.asarray(phases_deg, float)
-        if phases.shape != (self._forward.size,):
-            rule = f"must have shape ({self._forward.size},)"
+        if phases.shape != (self._inverter.size,):
+            rule = f"must have shape ({self._inverter.size},)"
             raise InputError("phases_deg", rule, phases.shape)
         std = np.broadcast_to(np.asarray(std_deg, float), phases.shape)
         if not (np.all(std >= 0) and np.all(np.isfinite(std))):
@@ -234,13 +207,13 @@ class PressTracker:
         force = float(weight @ bank.mean)
         variance = weight @ (bank.variance + (bank.mean - force) ** 2)
         place, spread = bank.place()
-        systematic = self._inverter.systematic(force, place)
+        systematic = self._inverter.covariance(force, place)
         variance, spread = variance + systematic[0, 0], spread + systematic[1, 1]
         values = (force, float(np.sqrt(variance)), place, float(np.sqrt(spread)))
         code = self._inverter.code_of(*values, std)
         if lost:
             code |= INVERSION_FLAGS["inconsistent"]
-        if _two_places(bank.curves.location_mm, weight):
+        if _two_places(bank.location_mm, weight):
             code |= INVERSION_FLAGS["ambiguous"]
         return (*values, words_of(code))
 
@@ -258,7 +231,7 @@ class PressTracker:
         for reading, noise in zip(phases, std, strict=True):
             self.update(reading, noise)
         assert self._bank is not None
-        ends = self._forward.location_mm[[0, -1]]
+        ends = self._inverter.location_mm[[0, -1]]
         bank = self._new_bank(self._bank.about_place(*ends))
         history = []
         for i, (reading, noise) in enumerate(zip(phases, std, strict=True)):
@@ -268,7 +241,7 @@ class PressTracker:
             if np.all(np.isfinite(reading)):
                 bank.update(reading, noise)
             history.append((before, bank.mean, bank.variance))
-        weight, location = bank.weights(), bank.curves.location_mm
+        weight, location = bank.weights(), bank.location_mm
         place, spread = bank.place()
         _, mean, variance = history[-1]
         rows, codes = [], []
@@ -280,7 +253,7 @@ class PressTracker:
                 variance = own_variance + gain**2 * (variance - before)
             force = float(weight @ mean)
             away = mean - force
-            covariance = self._inverter.systematic(force, place)
+            covariance = self._inverter.covariance(force, place)
             covariance[0, 0] += weight @ (variance + away**2)
             covariance[1, 1] += spread
             shared = weight @ (away * (location - place))

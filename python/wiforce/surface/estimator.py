@@ -52,9 +52,8 @@ def strip_profile(
 ) -> StripProfile:
     """Profile likelihood over the force of a touched strip's phases (n, 2), about its inversion."""
     inverter = model.inverter(frequency_hz)
-    forward = inverter.forward
     found = inverter.invert(phases_deg, std_deg)
-    low, high = forward.force_n[[0, -1]]
+    low, high = inverter.force_n[[0, -1]]
     first = np.clip(found.force_n - _REACH * found.force_std_n, low, high)
     last = np.clip(found.force_n + _REACH * found.force_std_n, low, high)
     last = np.maximum(last, first + 1e-6 * high)
@@ -62,15 +61,13 @@ def strip_profile(
     covariance = found.covariance
     slope = covariance[:, 0, 1] / np.maximum(covariance[:, 0, 0], 1e-12)
     location = found.location_mm[:, None] + slope[:, None] * (force - found.force_n[:, None])
-    shape, (start, stop) = force.shape, forward.location_mm[[0, -1]]
+    start, stop = inverter.location_mm[[0, -1]]
     wanted, noise = phases_deg[:, None], std_deg[:, None] ** 2
     location = np.clip(location, start, stop)
-    noise = noise + forward.variances(force.ravel(), location.ravel()).reshape(*shape, 2)
-    variance = np.maximum(noise, 1e-9)
+    variance = np.maximum(noise + inverter.at(force, location)[3], 1e-9)
     for _ in range(_STEPS):
-        at = force.ravel(), location.ravel()
-        residual = wrap_deg(wanted - forward.phases(*at).reshape(*shape, 2))
-        by_location = forward.slopes(*at)[..., 1].reshape(*shape, 2)
+        phases, _, by_location, _ = inverter.at(force, location)
+        residual = wrap_deg(wanted - phases)
         curvature = np.maximum((by_location**2 / variance).sum(axis=-1), 1e-9)
         step = (by_location * residual / variance).sum(axis=-1) / curvature
         location = np.clip(location + step, start, stop)
@@ -148,7 +145,7 @@ class SurfacePosterior:
         self._y = np.linspace(low - beyond, high + beyond, count)
         spans = [strip.ends_mm for strip in skin.strips]
         self._x_span = min(span[0] for span in spans), max(span[1] for span in spans)
-        tops = [s.model.inverter(skin.frequency_hz).forward.force_n[-1] for s in skin.strips]
+        tops = [s.model.inverter(skin.frequency_hz).force_n[-1] for s in skin.strips]
         between = float(skin.spreading.mean_share(skin.spacing_mm / 2))
         self._top_n = max(tops) / max(between, 0.05)
         nodes, weights = np.polynomial.hermite_e.hermegauss(_HERMITE)

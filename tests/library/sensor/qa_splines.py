@@ -4,7 +4,6 @@
 import numpy as np
 import pytest
 from gnuradio import wiforce
-from gnuradio.wiforce.sensor.inversion import ForwardMap
 from gnuradio.wiforce.sensor.splines import CubicSpline, basis_splines
 from scipy import interpolate
 
@@ -31,15 +30,17 @@ def test_basis_splines_are_those_of_scipy(derivative):
     assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
 
 
-def test_inversion_table_has_values_and_slopes_of_the_bicubic_spline():
-    """Every inverted reading is interpolated from this table."""
+def test_model_that_inverts_has_values_and_slopes_of_the_bicubic_spline():
+    """Every inverted reading is interpolated from its table."""
     model = wiforce.load_sensor("line-900mhz-calibrated")
-    forward = ForwardMap(model, (0,))
-    table, logs = forward.table(), np.log(forward.force_n)
+    inverter, rng = model.inverter(), np.random.default_rng(3)
+    nodes = inverter.force_n, inverter.location_mm
+    force, location = (rng.uniform(*each[[0, -1]], 50) for each in nodes)
+    found, logs = inverter.at(force, location), np.log(force)
+    planes = model.short_deg(nodes[0][:, None], nodes[1], 0)
     for phase in (0, 1):
-        plane = forward.phase_deg[..., phase]
-        spline = interpolate.RectBivariateSpline(logs, forward.location_mm, plane, s=0)
-        for column, (force, location) in enumerate([(0, 0), (1, 0), (0, 1), (1, 1)]):
-            expected = spline(logs, forward.location_mm, dx=force, dy=location)
-            limit = 1e-9 * np.abs(expected).max()
-            assert np.abs(table[:, :, phase, column] - expected).max() < limit
+        spline = interpolate.RectBivariateSpline(np.log(nodes[0]), nodes[1], planes[..., phase])
+        np.testing.assert_allclose(found[0, :, phase], spline.ev(logs, location), rtol=1e-9)
+        by_log_force = force * found[1, :, phase]
+        np.testing.assert_allclose(by_log_force, spline.ev(logs, location, dx=1), atol=1e-7)
+        np.testing.assert_allclose(found[2, :, phase], spline.ev(logs, location, dy=1), atol=1e-7)

@@ -47,6 +47,31 @@ static py::tuple invert(const press_posterior& posterior,
     return py::make_tuple(values, flags);
 }
 
+// Phases, their slopes by force and by location, and their variances (n, 4, phases) of n
+// presses within the table.
+static py::array_t<double> model_at(const press_posterior& posterior,
+                                    const array<double>& force,
+                                    const array<double>& location)
+{
+    const auto& model = posterior.profile().fit().model();
+    const auto phases = static_cast<py::ssize_t>(model.phases());
+    if (force.ndim() != 1 || location.size() != force.size())
+        throw std::invalid_argument("force and location must be of n presses");
+    py::array_t<double> found({ force.size(), py::ssize_t{ 4 }, phases });
+    auto out = found.mutable_unchecked<3>();
+    tabulated_model::values at{};
+    for (py::ssize_t i = 0; i < force.size(); i++) {
+        model.interpolate(model.steps_to(force.data()[i]), location.data()[i], at);
+        for (py::ssize_t p = 0; p < phases; p++) {
+            out(i, 0, p) = at.phase[p];
+            out(i, 1, p) = at.by_log_force[p] / force.data()[i];
+            out(i, 2, p) = at.by_location[p];
+            out(i, 3, p) = at.variance[p];
+        }
+    }
+    return found;
+}
+
 void bind_inversion(py::module& m)
 {
     py::dict flags;
@@ -71,6 +96,7 @@ void bind_inversion(py::module& m)
                 consistent);
         }))
         .def("invert", &invert, "phases_deg"_a, "std_deg"_a, "location_mm"_a = py::none())
+        .def("model_at", &model_at, "force_n"_a, "location_mm"_a)
         .def("unobservable",
              py::vectorize([](const press_posterior* posterior,
                               double force,
