@@ -2,7 +2,6 @@
 """``gr-wiforce read`` of many captures: in parallel, each once, with a summary at the end."""
 
 import contextlib
-import fcntl
 import hashlib
 import io
 import json
@@ -17,6 +16,7 @@ import click
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.capture.names import find_captures
 from gnuradio.wiforce.io.files import format_of
+from gnuradio.wiforce.io.files.output_file import lock
 from gnuradio.wiforce.io.optional import optional_module
 from gnuradio.wiforce.io.readings import GroupCounts
 from gnuradio.wiforce.io.text.textfile import check_output, replacing
@@ -302,14 +302,12 @@ class Journal:
         except OSError as error:
             raise InputError(folder, f"cannot be used for readings ({error.strerror})") from error
         try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            for left in folder.glob(f"{_PARTIAL}*"):
-                shutil.rmtree(left, ignore_errors=True)
-        except BlockingIOError:
+            if lock(folder, self._file):
+                for left in folder.glob(f"{_PARTIAL}*"):
+                    shutil.rmtree(left, ignore_errors=True)
+        except InputError:
             self._file.close()
-            raise InputError(folder, "is being written to by another run") from None
-        except OSError:
-            pass  # a file system without locks
+            raise
         self.entries = self._load()
         self.partial = tempfile.mkdtemp(prefix=_PARTIAL, dir=folder)
 
@@ -360,6 +358,7 @@ class Journal:
 def _join_parts(path, parts):
     """Write one file, complete, of captures' names and Parquet files; number of readings."""
     import pyarrow
+    from gnuradio.wiforce.io.files.readings_files import ReadingsFile
     from pyarrow import parquet
 
     rows, described = 0, {}
@@ -374,18 +373,10 @@ def _join_parts(path, parts):
     ):
         for name, part in parts:
             table = parquet.read_table(part, page_checksum_verification=True)
-            described[name] = _own_metadata(table.schema)
+            described[name] = ReadingsFile(part).metadata
             table = pyarrow.concat_tables([plain.empty_table(), table], promote_options="default")
             names = pyarrow.array([name] * len(table)).cast(field.type)
             writer.write_table(table.add_column(0, field, names).replace_schema_metadata())
             rows += len(table)
         writer.add_key_value_metadata({_METADATA.decode(): json.dumps(described)})
     return rows
-
-
-def _own_metadata(schema):
-    """What a capture's file says of its scene, sensors and version."""
-    found = schema.metadata or {}
-    return {
-        key.decode(): value.decode() for key, value in found.items() if key.startswith(b"wiforce:")
-    }

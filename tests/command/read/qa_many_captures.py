@@ -222,7 +222,7 @@ def test_folder_that_another_run_writes_to_is_refused(captures, tmp_path):
     folder, _ = captures
     with Journal(tmp_path / "out"):
         done = run_command("read", folder, "-o", tmp_path / "out")
-    assert done.returncode == 2 and "is being written to by another run" in done.stderr
+    assert done.returncode == 2 and "is being written to by another process" in done.stderr
     with pytest.raises(InputError, match="cannot be used for readings"):
         Journal("/proc/nowhere")
 

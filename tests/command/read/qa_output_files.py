@@ -115,7 +115,7 @@ class FullDisk:
 
     def __init__(self, monkeypatch, room):
         self._room = room
-        monkeypatch.setattr(output_file, "_reserved", lambda folder, size: self)
+        monkeypatch.setattr(output_file, "_reserved", lambda path, size: self)
         monkeypatch.setattr(output_file, "open", self._open, raising=False)
 
     def _open(self, path, *_, **__):

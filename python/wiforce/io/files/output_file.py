@@ -8,7 +8,6 @@ import tempfile
 import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from io import FileIO
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
@@ -45,25 +44,29 @@ class OutputFile:
         try:
             self._file = open(path, "ab", buffering=0)
             if Path(path).is_file():
-                _lock(path, self._file)
+                lock(path, self._file)
                 self.size_bytes = os.fstat(self._file.fileno()).st_size
-                folder = Path(path).absolute().parent
-                if not append and self.size_bytes:
-                    try:
-                        _reserved(folder, LONGEST_ROW).close()
-                    except OSError as error:
-                        if error.errno in _FULL:
-                            raise
-                    self.cut(0)
-                if not append and reserve_bytes:
-                    with suppress(OSError):
-                        self._reserve = _reserved(folder, reserve_bytes)
+                if not append:
+                    self._empty(reserve_bytes)
         except InputError:
             self._file.close()
             raise
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise InputError(path, f"cannot be written ({reason})") from error
+
+    def _empty(self, reserve_bytes: int) -> None:
+        """Empty the file if there is room for a row, and hold space for its end."""
+        if self.size_bytes:
+            try:
+                _reserved(self._path, LONGEST_ROW).close()
+            except OSError as error:
+                if error.errno in _FULL:
+                    raise
+            self.cut(0)
+        if reserve_bytes:
+            with suppress(OSError):
+                self._reserve = _reserved(self._path, reserve_bytes)
 
     @property
     def closed(self) -> bool:
@@ -120,19 +123,20 @@ class OutputFile:
             self._reserve = None
 
 
-def _lock(path: str | Path, file: FileIO) -> None:
+def lock(path: str | Path, file: IO[Any]) -> bool:
+    """Keep other processes from writing a file; False where its file system has no locks."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        file.close()
         raise InputError(path, "is being written to by another process") from None
     except OSError:
-        pass  # a file system without locks
+        return False
+    return True
 
 
-def _reserved(folder: Path, size_bytes: int) -> IO[bytes]:
-    """A file without a name that holds space of the disk, or the OSError that there is none."""
-    reserve: IO[bytes] = tempfile.TemporaryFile(dir=folder)
+def _reserved(path: str | Path, size_bytes: int) -> IO[bytes]:
+    """A file without a name beside another that holds space, or the OSError that there is none."""
+    reserve: IO[bytes] = tempfile.TemporaryFile(dir=Path(path).absolute().parent)
     try:
         os.posix_fallocate(reserve.fileno(), 0, size_bytes)
     except OSError:
