@@ -5,8 +5,7 @@ import json
 
 import click
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.network.zmq_keys import ClientKeys, create_keys
-from gnuradio.wiforce.io.network.zmq_sockets import request
+from gnuradio.wiforce.io.network.zmq_sockets import ClientKeys, create_keys, request
 from gnuradio.wiforce.io.readings import outcome_words
 
 from ..shell.options import FiniteRange, client_keys

@@ -11,8 +11,12 @@ from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.capture.names import recording_stem
 from gnuradio.wiforce.io.files.writers import Rotation, open_writer
 from gnuradio.wiforce.io.network import host_and_port
-from gnuradio.wiforce.io.network.zmq_keys import ServerKeys
-from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, endpoint_of, is_loopback
+from gnuradio.wiforce.io.network.zmq_sockets import (
+    ReadingsPublisher,
+    ServerKeys,
+    endpoint_of,
+    is_loopback,
+)
 from gnuradio.wiforce.io.outputs import STAMP_COLUMNS, Outputs
 from gnuradio.wiforce.scene import accepted_suspicions, load_scene
 

@@ -7,8 +7,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 
-from gnuradio.wiforce.io.network.zmq_keys import ServerKeys
-from gnuradio.wiforce.io.network.zmq_sockets import Replies, answer_words
+from gnuradio.wiforce.io.network.zmq_sockets import Replies, ServerKeys, answer_words
 from gnuradio.wiforce.press.tares import TareState
 
 from .session import LiveSession

@@ -11,8 +11,7 @@ from typing import Any
 
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files import format_of
-from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
-from gnuradio.wiforce.io.network.zmq_sockets import endpoint_of
+from gnuradio.wiforce.io.network.zmq_sockets import ClientKeys, endpoint_of
 from gnuradio.wiforce.io.optional import optional_module
 
 from .page_state import STATUS, PageState, loaded, page_row

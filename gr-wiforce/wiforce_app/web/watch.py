@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
+from gnuradio.wiforce.io.network.zmq_sockets import ClientKeys
 
 from ..shell.commands import GroupedHelp
 from ..shell.log import log

@@ -6,7 +6,7 @@ import json
 
 import rclpy
 import zmq
-from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
+from gnuradio.wiforce.io.network.zmq_sockets import ClientKeys
 from gnuradio.wiforce.io.ros_messages import built, ros_messages
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node

@@ -6,7 +6,7 @@ import signal
 
 import zmq
 from command_runs import refused, run_command, succeeded
-from gnuradio.wiforce.io.network.zmq_keys import ClientKeys
+from gnuradio.wiforce.io.network.zmq_sockets import ClientKeys
 from live_runs import GAINS, free_ports, live, rows_of
 
 

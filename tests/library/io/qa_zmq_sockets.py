@@ -13,11 +13,13 @@ import pytest
 import zmq
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.network.zmq_keys import ClientKeys, ServerKeys, create_keys
 from gnuradio.wiforce.io.network.zmq_sockets import (
+    ClientKeys,
     ReadingsPublisher,
     Replies,
+    ServerKeys,
     answer_words,
+    create_keys,
     endpoint_of,
     is_loopback,
     request,
@@ -39,16 +41,16 @@ def folders(tmp_path):
 
 
 @contextmanager
-def served(keys):
-    """The port of a server that answers in capitals, and the list of what it was asked."""
+def served(keys, answer=str.upper):
+    """The port of a server, and the list of what it was asked."""
     asked, ended = [], threading.Event()
 
-    def answer(text):
+    def noted(text):
         asked.append(text)
-        return text.upper()
+        return answer(text)
 
     port = free_port()
-    replies = Replies(str(port), answer, keys=keys)
+    replies = Replies(str(port), noted, keys=keys)
 
     def serve():
         while not ended.wait(0.005):
@@ -214,6 +216,8 @@ def test_sockets_that_are_closed_or_not_bound_leave_no_thread_behind(folders):
 )
 def test_is_loopback_only_where_nobody_else_can_connect(endpoint, expected):
     assert is_loopback(endpoint) is expected
+    # ZMQ binds to addresses only, and says 'No such device' for a name.
+    assert endpoint_of("tcp://localhost:5555", "ENDPOINT") == "tcp://127.0.0.1:5555"
 
 
 @pytest.fixture
@@ -221,39 +225,25 @@ def port():
     return free_port()
 
 
-@pytest.fixture
-def ask(port):
-    """Sends the parts of a request and gives the answer; None when there is none."""
-    replies = Replies(str(port), answer_words({"status": lambda: {"groups": 3}}))
+def test_what_is_no_request_costs_others_no_answer():
+    answer = answer_words({"status": lambda: {"groups": 3}})
+    with served(None, answer) as (port, _), zmq.Context() as context:
 
-    def send(*parts):
-        client = zmq.Context.instance().socket(zmq.REQ)
-        client.connect(f"tcp://127.0.0.1:{port}")
-        client.send_multipart(list(parts))
-        answer = None
-        for _ in range(20 if sum(map(len, parts)) > 4096 else 400):
-            replies.serve(10)
-            if client.poll(5):
-                answer = json.loads(client.recv())
-                break
-        client.close(linger=0)
-        return answer
+        def ask(*parts, wait_s=WAIT_S):
+            with context.socket(zmq.REQ) as client:
+                client.linger = 0
+                client.connect(f"tcp://127.0.0.1:{port}")
+                client.send_multipart(parts)
+                return json.loads(client.recv()) if client.poll(1000 * wait_s) else None
 
-    send.port, send.serve = port, replies.serve
-    yield send
-    replies.close()
-
-
-def test_what_is_no_request_costs_others_no_answer(ask):
-    assert ask(b" status\n") == {"ok": True, "groups": 3}
-    # A message without an envelope, as the first version of the protocol has it.
-    with socket.create_connection(("127.0.0.1", ask.port)) as stranger:
-        stranger.sendall(b"\x01\x00" + b"\x06\x00hello")
-        time.sleep(0.1)
-        ask.serve(10)
-    assert ask(b"\xff\xfe", b"", b"\x00")["ok"] is False
-    assert ask(b"status" * 100_000) is None  # too long
-    assert ask(b"status")["ok"]
+        assert ask(b" status\n") == {"ok": True, "groups": 3}
+        # A message without an envelope, as the first version of the protocol has it.
+        with socket.create_connection(("127.0.0.1", port)) as stranger:
+            stranger.sendall(b"\x01\x00" + b"\x06\x00hello")
+            time.sleep(0.1)
+        assert ask(b"\xff\xfe", b"", b"\x00")["ok"] is False
+        assert ask(b"status" * 100_000, wait_s=0.1) is None  # too long
+        assert ask(b"status")["ok"]
 
 
 def test_answer_that_comes_later_is_sent_when_it_is_known(port):
@@ -282,11 +272,6 @@ def test_request_without_a_reader_ends_in_time(port):
     begin = time.monotonic()
     assert request(str(port), "status", 0.1) is None
     assert time.monotonic() - begin < 30
-
-
-def test_localhost_is_a_number_to_zmq():
-    """ZMQ itself binds to addresses only, and says 'No such device' for a name."""
-    assert endpoint_of("tcp://localhost:5555", "ENDPOINT") == "tcp://127.0.0.1:5555"
 
 
 @pytest.mark.parametrize("host", ["nowhere.invalid", "192.0.2.1"])
