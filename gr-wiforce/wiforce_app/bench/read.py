@@ -15,7 +15,7 @@ import click
 import numpy as np
 import yaml
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.capture.recorded_frames import first_frame, require_frames
+from gnuradio.wiforce.estimation.capture.recorded_frames import first_frame
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.adaptation import adapted
@@ -150,7 +150,7 @@ def measure(capture, scene):
         return None
     recording = open_capture(capture)
     signal_s = recording.span / recording.sample_rate_hz
-    offset = first_frame(recording, settings.waveform, require_frames(recording, settings.waveform))
+    offset, _ = first_frame(recording, settings.waveform)
     settings = adapted(settings, survey_recording(recording, settings, offset))
     samples_s, tones = _time_samples(recording, settings)
     group_s, single_s = _time_groups(settings, tones)

@@ -9,7 +9,7 @@ from statistics import NormalDist
 import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.frame import measure_levels, whole_frames
-from gnuradio.wiforce.estimation.capture.recorded_frames import first_frame, require_frames
+from gnuradio.wiforce.estimation.capture.recorded_frames import first_frame
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.names import second_antenna
@@ -95,8 +95,7 @@ def check_capture(path, scene_path, datatype=None):
         antenna.check_against(scene)
         files.append(_file(antenna, scene.radio.sample_rate_hz))
     waveform = scene.waveform()
-    place = require_frames(capture, waveform)
-    first = first_frame(capture, waveform, place)
+    first, place = first_frame(capture, waveform)
     length = waveform.frame_length
     samples = capture.read_span(first + place - place % length, LEVEL_FRAMES * length)
     frames = whole_frames(samples, length)

@@ -9,11 +9,7 @@ import time
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.captures import capture_stream
 from gnuradio.wiforce.estimation.capture.frame import searched_samples
-from gnuradio.wiforce.estimation.capture.recorded_frames import (
-    find_frames,
-    first_frame,
-    require_frames,
-)
+from gnuradio.wiforce.estimation.capture.recorded_frames import find_frames, first_frame
 from gnuradio.wiforce.io.capture import open_capture
 
 from ..shell.log import log
@@ -33,8 +29,7 @@ class GrowingCapture:
         recording = _once_long_enough(capture, datatype, plan.waveform)
         recording.check_against(plan.scene)
         if frame_offset is None:
-            place = require_frames(recording, plan.waveform)
-            frame_offset = first_frame(recording, plan.waveform, place)
+            frame_offset, _ = first_frame(recording, plan.waveform)
         else:
             find_frames(recording, plan.waveform)
         self.frame_offset = frame_offset

@@ -32,7 +32,7 @@ from ..planning.plan import Plan
 from ..planning.plan import plan as plan_of
 from ..scene import Scene, accepted_suspicions, load_scene, scene_of
 from ..simulation.simulator import simulate as write_simulated
-from .recording import RecordingReader
+from .recording import CaptureReader, RecordingReader
 from .snapshot_recording import SnapshotReader
 
 if TYPE_CHECKING:
@@ -379,7 +379,7 @@ def _opened(
     tracked: bool,
     datatype: str | None,
     frame_offset: int | None,
-) -> tuple[Capture | ChannelSnapshots, RecordingReader | SnapshotReader, list[str]]:
+) -> tuple[Capture | ChannelSnapshots, CaptureReader, list[str]]:
     """A capture of either kind, what reads it, and how its scene differs from its own."""
     if isinstance(capture, str | Path) and is_snapshots(capture):
         capture = open_snapshots(capture)

@@ -21,7 +21,6 @@ from ..estimation.capture.recorded_frames import (
     first_frame,
     offset_problem,
     preamble_problem,
-    require_frames,
 )
 from ..estimation.groups import Groups
 from ..estimation.room.survey import Survey
@@ -40,15 +39,55 @@ _COMPRESSION_FRAMES = 1000
 _AHEAD = 3
 
 
-class RecordingReader:
-    """Reads a recording batch by batch; iterating gives the readings of each, in order.
+class CaptureReader:
+    """Reads a capture batch by batch; iterating gives the readings of each, in order.
 
-    ``frame_offset`` is searched if not given, and compared otherwise (``notes``). ``survey`` False
-    reads by the given plan; otherwise ``plan`` becomes the adapted one. Refuses captures without
-    frames, of another length, or shorter than the reference and one group.
+    ``notes`` are what is wrong with the file, a sentence each, ``plan`` is the one adapted to it.
     """
 
     times_ignored = 0
+    notes: list[str]
+    plan: Plan
+    receiver: Receiver
+
+    def __init__(self, path: Path, plan: Plan, groups: int) -> None:
+        needed = plan.reference_groups + 1
+        if groups < needed:
+            rule = (
+                f"must hold {needed} phase groups or more ({needed * plan.group_period_s:.3g} s) "
+                "from its first frame on: the untouched reference, and one to read; `check` says "
+                "whether the file is complete"
+            )
+            raise InputError(path, rule, max(0, groups))
+        self.groups = groups  # whole ones that the capture spans
+
+    @property
+    def counts(self) -> GroupCounts:
+        """Group counts by outcome, so far."""
+        return self.receiver.counts
+
+    def suspicions(self) -> dict[str, list[Suspicion]]:
+        """Mistakes that the presses so far suggest: see ``Receiver.suspicions``."""
+        return self.receiver.suspicions()
+
+    def samples_missing(self) -> dict[Path, int]:
+        """Samples that each file lacked because it was cut short while it was read."""
+        return {}
+
+    def frames_moved(self) -> dict[Path, int]:
+        """How often the frames of each file were found at another place than before."""
+        return {}
+
+    def __iter__(self) -> Iterator[list[Reading]]:
+        raise NotImplementedError
+
+
+class RecordingReader(CaptureReader):
+    """Reads a recording of samples.
+
+    ``frame_offset`` is searched if not given, and compared otherwise (``notes``). Refuses captures
+    without frames, of another length, or shorter than the reference and one group.
+    """
 
     def __init__(
         self,
@@ -57,7 +96,6 @@ class RecordingReader:
         frame_offset: int | None = None,
         tracked: bool = False,
         on_groups: Callable[[Groups], None] | None = None,
-        survey: bool = True,
     ) -> None:
         if frame_offset is not None and not (
             isinstance(frame_offset, int | np.integer) and frame_offset >= 0
@@ -72,8 +110,7 @@ class RecordingReader:
         self.recording, self.plan = recording, plan
         problem = ""
         if frame_offset is None:
-            place = require_frames(recording, plan.waveform)
-            frame_offset = first_frame(recording, plan.waveform, place)
+            frame_offset, place = first_frame(recording, plan.waveform)
             samples = recording.read_span(place, samples_needed(plan.waveform.frame_length))
             problem = preamble_problem(samples, plan.waveform)
         # Who states where frames begin may know of some that are too weak to be found.
@@ -81,7 +118,8 @@ class RecordingReader:
             problem = offset_problem(recording, plan.waveform, seen, frame_offset)
         self.notes = [problem] if problem else []
         self.frame_offset = frame_offset
-        self._check_length()
+        samples_of_group = plan.group_length * plan.waveform.frame_length
+        super().__init__(recording.path, plan, (recording.span - frame_offset) // samples_of_group)
         self._folding, self._ends = ThreadPoolExecutor(1, "tones"), ThreadPoolExecutor(1, "ends")
         with ExitStack() as refused:
             for pool in (self._ends, self._folding):
@@ -89,11 +127,11 @@ class RecordingReader:
             # The first batch is folded while the room is surveyed: most rooms need no other
             # weights. Those that do wait for it.
             self._fold(plan)
-            self.survey = survey_recording(recording, plan, frame_offset) if survey else None
+            self.survey = survey_recording(recording, plan, frame_offset)
             expected, plan = plan, adapted(plan, self.survey)
             if plan.table is not expected.table:
                 self._fold(plan)
-            if survey and scene.environment.receive_antennas == 1:
+            if scene.environment.receive_antennas == 1:
                 # As measured before the first gap.
                 stop = frame_offset + _COMPRESSION_FRAMES * plan.waveform.frame_length
                 samples = recording.read(stop)[frame_offset : recording.segments[0].length]
@@ -117,38 +155,10 @@ class RecordingReader:
         self._folded.append(self._folding.submit(self.source.read))
         return self.receiver.separate(groups) if len(groups) else None
 
-    def _check_length(self) -> None:
-        groups = self.groups
-        needed = self.plan.reference_groups + 1
-        if groups < needed:
-            rule = (
-                f"must hold {needed} phase groups or more ({needed * self.plan.group_period_s:.3g} "
-                "s) from its first frame on: the untouched reference, and one to read; `check` "
-                "says whether the file is complete"
-            )
-            raise InputError(self.recording.path, rule, max(0, groups))
-
-    @property
-    def groups(self) -> int:
-        """Whole phase groups that the recording spans."""
-        samples = self.plan.group_length * self.plan.waveform.frame_length
-        return (self.recording.span - self.frame_offset) // samples
-
-    @property
-    def counts(self) -> GroupCounts:
-        """Group counts by outcome, so far."""
-        return self.receiver.counts
-
-    def suspicions(self) -> dict[str, list[Suspicion]]:
-        """Mistakes that the presses so far suggest: see ``Receiver.suspicions``."""
-        return self.receiver.suspicions()
-
     def samples_missing(self) -> dict[Path, int]:
-        """Samples that each file lacked because it was cut short while it was read."""
         return {path: kernel.samples_missing() for path, kernel in self.source.kernels.items()}
 
     def frames_moved(self) -> dict[Path, int]:
-        """How often the frames of each file were found at another place than before."""
         return {path: kernel.frames_moved() for path, kernel in self.source.kernels.items()}
 
     def __iter__(self) -> Iterator[list[Reading]]:

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
@@ -26,12 +25,12 @@ from ..estimation.packets.packet_channels import (
 from ..estimation.packets.packet_groups import PacketGroups, whole_groups
 from ..estimation.packets.tag_parts import SolvedTags, solve_tags
 from ..io.capture.channel_snapshots import ChannelSnapshots
-from ..io.readings import GroupCounts, Reading
+from ..io.readings import Reading
 from ..planning.plan import Plan, PlanOrScene, as_plan
-from ..press.evidence import Suspicion
 from ..signal.timed_weights import TimedTable
 from ..signal.waveform import packet_waveform
 from .receiver import Receiver
+from .recording import CaptureReader
 
 # Rounds in which packets are divided and tags are solved for, at most, and the change of the tags'
 # part, against what is unknown of it, at which they end: it then adds 5 % to that.
@@ -51,14 +50,11 @@ _BAND_GROUPS = 6
 _FEW = 0.5
 
 
-class SnapshotReader:
-    """Reads channel snapshots batch by batch; iterating gives the readings of each, in order.
+class SnapshotReader(CaptureReader):
+    """Reads channel snapshots, with a plan that is fitted to their times.
 
-    ``plan`` becomes the one fitted to the file. Refuses a file that contradicts the scene, or is
-    shorter than the reference and one group.
+    Refuses a file that contradicts the scene, or is shorter than the reference and one group.
     """
-
-    times_ignored = 0
 
     def __init__(
         self, recording: ChannelSnapshots, plan: PlanOrScene, tracked: bool = False
@@ -68,26 +64,20 @@ class SnapshotReader:
         self._recording = recording
         self._blas = ThreadpoolController()
         time_s = recording.time_s - recording.time_s[0]
-        self.groups = whole_groups(time_s, plan.group_period_s)
-        needed = plan.reference_groups + 1
-        if self.groups < needed:
-            rule = (
-                f"must span {needed} phase groups or more ({needed * plan.group_period_s:.3g} s): "
-                "the untouched reference, and one to read"
-            )
-            raise InputError(recording.path, rule, self.groups)
-        scene = plan.require_scene()
-        self._states: AntennaStates | None = None
-        self._kept_db = 0.0
-        self._plans: dict[int, _PacketPlans] = {}  # by the number of channels of a packet
+        super().__init__(recording.path, plan, whole_groups(time_s, plan.group_period_s))
+        free = plan.require_scene().environment.reader_clock == "free"
+        self._plans: _PacketPlans | None = None
+        self.notes = [*recording.notes]
         # Threads are slower than one core for matrices as small as these.
         with self._blas.limit(limits=1, user_api="blas"):
-            if scene.environment.reader_clock == "free":
+            if free:
                 self._read_antennas(plan, time_s)
             else:
                 packets = undivided(recording.channel)
                 self.plan = self._fitted(plan, time_s, packets)
                 self.source = PacketGroups(_table_of(self.plan), time_s, packets)
+        if interval := self._interval_note(self.plan):
+            self.notes.insert(0, interval)
         self.receiver = Receiver(self.plan, tracked, derotated=False)
 
     def _read_antennas(self, plan: Plan, time_s: Array) -> None:
@@ -158,7 +148,14 @@ class SnapshotReader:
         if found[0].solved.snr and found[0].combination.shared.shape[1]:
             found.append(settle(True))
         now = max(found, key=lambda each: (bool(each.solved.snr), each.settled, -each.uncertain))
-        self._states, self._kept_db = now.states, now.combination.kept_db
+        if now.states.foreign:
+            self.notes.append(f"left out {now.states.foreign} x {FOREIGN}")
+        if (kept_db := now.combination.kept_db) < 0:
+            self.notes.append(
+                f"one antenna leaves {kept_db:.1f} dB of the tags beside the phases of the "
+                "packets; `gr-wiforce check` states the error to expect, and two antennas on one "
+                "oscillator lose nothing"
+            )
         table = _table_of(now.plan)
         known = now.solved.parts.known
         noise = shared_noise(now.packets, now.combination.shared, known, time_s, table)
@@ -167,29 +164,13 @@ class SnapshotReader:
         self.source = PacketGroups(table, time_s, packets, now.untouched, hidden=hidden)
         self.plan = now.plan.stating(tag_ratios=now.ratios)
 
-    @property
-    def notes(self) -> list[str]:
-        """What was left out of the file, a sentence each."""
-        recording, interval = self._recording, self._interval_note(self.plan)
-        found = [interval] if interval else []
-        found += recording.notes
-        if self._states is not None and self._states.foreign:
-            found.append(f"left out {self._states.foreign} x {FOREIGN}")
-        if self._kept_db < 0:
-            found.append(
-                f"one antenna leaves {self._kept_db:.1f} dB of the tags beside the phases of the "
-                "packets; `gr-wiforce check` states the error to expect, and two antennas on one "
-                "oscillator lose nothing"
-            )
-        return found
-
     def _fitted(self, plan: Plan, time_s: Array, packets: DividedPackets) -> Plan:
-        hertz = self._recording.subcarrier_hz
-        channels = packets.combined.shape[1] // len(hertz)
         try:
-            if channels not in self._plans:
-                self._plans[channels] = _PacketPlans(plan, hertz, time_s, channels)
-            return self._plans[channels].best(packets)
+            if self._plans is None:
+                hertz = self._recording.subcarrier_hz
+                channels = packets.combined.shape[1] // len(hertz)
+                self._plans = _PacketPlans(plan, hertz, time_s, channels)
+            return self._plans.best(packets)
         except InputError as error:
             # Times in another unit leave groups nearly empty, which the rule of the plan hides.
             note = self._interval_note(plan)
@@ -210,23 +191,6 @@ class SnapshotReader:
             f"{packets.interval_s:g}: a phase group holds {count:.3g} packets; correct the "
             "scene, or the times, which are in seconds"
         )
-
-    def samples_missing(self) -> dict[Path, int]:
-        """Samples that files lacked while they were read: none, as for other recordings."""
-        return {}
-
-    def frames_moved(self) -> dict[Path, int]:
-        """Frames found at another place: none, as for other recordings."""
-        return {}
-
-    @property
-    def counts(self) -> GroupCounts:
-        """Group counts by outcome, so far."""
-        return self.receiver.counts
-
-    def suspicions(self) -> dict[str, list[Suspicion]]:
-        """Mistakes that the presses so far suggest: see ``Receiver.suspicions``."""
-        return self.receiver.suspicions()
 
     def __iter__(self) -> Iterator[list[Reading]]:
         for first in range(0, self.groups, _BATCH):

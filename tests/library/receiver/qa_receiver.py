@@ -10,8 +10,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.readings import NUMBERS
-from gnuradio.wiforce.receiver import Receiver
-from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver import Receiver, recording
 from gnuradio.wiforce.wiforce_kernels import end_separation
 from plain import make_air
 from wiforce_app.bench.air import TagOnAir
@@ -298,11 +297,12 @@ def test_receiver_press_of_one_sensor_is_no_force_of_another(tmp_path):
     assert len(right) > 105 and (apart < 4 * right["force_std_n"]).all() and apart.max() < 0.8
 
 
-def test_recording_reader_that_is_refused_folds_nothing_more(tmp_path):
+def test_recording_reader_that_is_refused_folds_nothing_more(tmp_path, monkeypatch):
     """A program that goes on with another scene would share its cores with the one refused."""
     scene = wiforce.load_scene("tabletop").as_dict()
     wiforce.simulate(scene, tmp_path / "wide")
     scene["sensors"][0]["clock_tolerance_ppm"] = 20_000
+    monkeypatch.setattr(recording, "survey_recording", lambda *_: None)
     with pytest.raises(InputError, match="clock_tolerance_ppm"):
-        RecordingReader(open_capture(tmp_path / "wide"), scene, survey=False)
+        recording.RecordingReader(open_capture(tmp_path / "wide"), scene)
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("tones")]

@@ -44,57 +44,57 @@ _SWAPPED = "I and Q are swapped, the spectrum is inverted, or another sounding.w
 SAMPLE_RATE_RATIOS = (2, 4, 8, 0.5, 0.25, 1.25, 1.6, 2.5, 5, 10, 0.8, 0.625, 0.4)
 
 
-def find_frames(recording: Capture, waveform: Waveform, start: int = 0) -> int | None:
-    """Sample from ``start`` on where the expected frames are received, or None; refuses others."""
+def find_frames(recording: Capture, waveform: Waveform) -> int | None:
+    """Sample from which on the expected frames are received, or None; refuses others."""
     needed = samples_needed(waveform.frame_length)
-    for place in _places(start, recording.span, needed):
+    for place in _places(recording.span, needed):
         samples = recording.read_span(place, needed)
         if _agrees(recording, waveform, place, samples):
             return place
     # Before weak frames are searched in more samples: strong ones of another kind may explain why.
-    samples = recording.read_span(start, max(_LONG_SEARCH, searched_samples(waveform)))
+    samples = recording.read_span(0, max(_LONG_SEARCH, searched_samples(waveform)))
     _check_kind(recording, waveform, samples[:needed])
-    if _agrees(recording, waveform, start, samples[: max(_LONG_SEARCH, needed)]):
-        return start
-    return start if _stands_out(samples, waveform) else None
+    if _agrees(recording, waveform, 0, samples[: max(_LONG_SEARCH, needed)]):
+        return 0
+    return 0 if _stands_out(samples, waveform) else None
 
 
-def require_frames(recording: Capture, waveform: Waveform) -> int:
+def _require_frames(recording: Capture, waveform: Waveform) -> int:
     """As :func:`find_frames`; refuses a recording without frames as well."""
     place = find_frames(recording, waveform)
-    if place is None:
-        needed = samples_needed(waveform.frame_length)
-        for part in _places(0, recording.span, needed):
-            if np.isfinite(recording.read_span(part, needed)).any():
-                raise no_frames(recording, waveform)
-        raise InputError(recording.path, "holds no whole frame of finite samples")
-    return place
+    if place is not None:
+        return place
+    needed = samples_needed(waveform.frame_length)
+    rule = "holds no whole frame of finite samples"
+    for part in _places(recording.span, needed):
+        if np.isfinite(recording.read_span(part, needed)).any():
+            check = f"check the datatype ({recording.datatype}), radio.sample_rate_hz and "
+            frames = f"no sounding frames found ({describe_frames(waveform)})"
+            rule = f"{frames}; {check}sounding.frame_length"
+            break
+    raise InputError(recording.path, rule)
 
 
-def no_frames(recording: Capture, waveform: Waveform) -> InputError:
-    """The error to raise where no frames are found."""
-    check = f"check the datatype ({recording.datatype}), radio.sample_rate_hz and "
-    rule = f"no sounding frames found ({describe_frames(waveform)}); {check}sounding.frame_length"
-    return InputError(recording.path, rule)
+def first_frame(recording: Capture, waveform: Waveform) -> tuple[int, int]:
+    """Samples before the first frame, 0 where none is needed, and a sample with frames behind it.
 
-
-def first_frame(recording: Capture, waveform: Waveform, place: int = 0) -> int:
-    """Samples before the first frame, from a ``place`` with frames on; 0 where none is needed."""
-    length = waveform.frame_length
+    Refuses a recording without the expected frames.
+    """
+    place = _require_frames(recording, waveform)
     # On the grid that begins with the first sample, frames are where they are at the start.
-    place -= place % length
-    return frame_offset_in(recording.read_span(place, searched_samples(waveform)), waveform)
+    start = place - place % waveform.frame_length
+    samples = recording.read_span(start, searched_samples(waveform))
+    return frame_offset_in(samples, waveform), place
 
 
-def _places(start: int, span: int, needed: int) -> Iterator[int]:
+def _places(span: int, needed: int) -> Iterator[int]:
     """Samples at which frames are searched, the first one first."""
-    last = max(start, span - needed)
-    step = needed
-    place = start
+    last = max(0, span - needed)
+    place, step = 0, needed
     while place < last:
         yield place
         place, step = place + step, 2 * step
-    yield from np.unique(np.linspace(start, last, _POSITIONS).astype(int))[1:].tolist() or [last]
+    yield from np.unique(np.linspace(0, last, _POSITIONS).astype(int))[1:].tolist() or [last]
 
 
 def _stands_out(samples: Array, waveform: Waveform) -> bool:
@@ -312,7 +312,7 @@ def capture_problem(recording: Capture, waveform: Waveform, frame_offset: int) -
     if problem:
         return f"{recording.path}: {problem}"
     try:
-        place = require_frames(recording, waveform)
+        place = _require_frames(recording, waveform)
     except InputError as error:
         return str(error)
     problem = offset_problem(recording, waveform, place, frame_offset)
