@@ -3,7 +3,7 @@
 
 `air` is the channel without samples, which `accuracy` reads under conditions against the bound, and
 `stress` at numerical extremes; `chains` are those from samples to tones that are compared with
-stock blocks, and `recording` what they read.
+stock blocks, and the recording that they read.
 """
 
 import click

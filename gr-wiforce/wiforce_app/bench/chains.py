@@ -1,14 +1,120 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The chains that are compared. Each makes a function that runs it once, and its tones."""
+"""The chains that are compared, and the recording that they read: preambles in noise.
 
-from functools import partial
+Each makes a function that runs it once, and its tones.
+"""
+
+import os
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 from gnuradio import blocks, fft, gr, wiforce
 from gnuradio.wiforce.blocks.group_block import SnapshotSink
+from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.wiforce_kernels import tone_reader, tone_transform
 
-from .recording import GROUP_LENGTH, WAVEFORM
+# Item types of blocks as SigMF names them, and bytes of a sample.
+DATATYPE = {"sc16": "ci16_le", "fc32": "cf32_le"}
+_BYTES = {"sc16": 4, "fc32": 8}
+GROUP_LENGTH = 625
+WAVEFORM = sounding_waveform()
+GROUP_SAMPLES = GROUP_LENGTH * WAVEFORM.frame_length
+# Of 32768: frames stand 11 dB above the noise, so that their watch is at rest.
+FRAME_PEAK, NOISE_PEAK = 18_000, 4_000
+# Bursts of another transmitter raise the noise by 8 dB. A group has three, of 5 to 19 frames (0.3
+# to 1.1 ms), as packets of Wi-Fi have.
+BURST_PEAK, _BURSTS, _BURST_FRAMES = 9_000, 3, (5, 20)
+# Different groups, which a recording repeats.
+_KINDS = 7
+# Harmonic m of a tag at 1 kHz is bin 36 m of a group.
+BINS_PER_HARMONIC = 36
+
+
+def tone_weights(tones):
+    """Fourier weights of a tag's lines; (tones, 625). Four tones: +-1 and +-4, else +-1.."""
+    harmonics = [1, 4] if tones == 4 else range(1, tones // 2 + 1)
+    bins = BINS_PER_HARMONIC * np.array([m for h in harmonics for m in (h, -h)], int)
+    n = np.arange(GROUP_LENGTH)
+    return np.exp(-2j * np.pi * np.outer(bins, n) / GROUP_LENGTH) / GROUP_LENGTH
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The same samples as raw ``cf32_le`` and ``ci16_le``; ``bursts``: in every group."""
+
+    fc32: Path
+    sc16: Path
+    samples: int
+    bursts: bool = False
+
+    @property
+    def groups(self):
+        return self.samples // GROUP_SAMPLES
+
+    def shortened(self, samples):
+        """The recording's first samples, in whole groups."""
+        groups = max(1, round(samples / GROUP_SAMPLES))
+        return replace(self, samples=groups * GROUP_SAMPLES)
+
+
+def write_recording(folder, samples, bursts=False):
+    """Writes a recording of about so many samples, in whole groups."""
+    groups = max(2, samples // GROUP_SAMPLES)
+    kinds, _ = _groups(bursts)
+    path = Path(folder) / ("bursts" if bursts else "frames")
+    files = path.with_suffix(".cf32"), path.with_suffix(".ci16")
+    floats = [codes.astype("<f4") / np.float32(32768) for codes in kinds]
+    for file, parts in zip(files, (floats, kinds), strict=True):
+        with open(file, "wb") as stream:
+            for group in range(groups):
+                stream.write(parts[group % len(parts)])
+        _settle(file)
+    return Recording(*files, groups * GROUP_SAMPLES, bursts)
+
+
+@cache
+def _groups(bursts):
+    """Codes (_KINDS, 2 GROUP_SAMPLES) of groups, and frames without bursts (_KINDS, 625)."""
+    rng = np.random.default_rng(1)
+    frame = WAVEFORM.frame()
+    codes = (FRAME_PEAK / np.abs(frame).max() * frame).view(float).astype("<i2")
+    noise = rng.integers(-NOISE_PEAK, NOISE_PEAK, (_KINDS, 2 * GROUP_SAMPLES), dtype="<i2")
+    groups = np.tile(codes, GROUP_LENGTH) + noise
+    quiet = np.ones((_KINDS, GROUP_LENGTH), bool)
+    for kind in range(_KINDS if bursts else 0):
+        frames = groups[kind].reshape(GROUP_LENGTH, -1)
+        for _ in range(_BURSTS):
+            first = rng.integers(GROUP_LENGTH - _BURST_FRAMES[1])
+            hit = slice(first, first + rng.integers(*_BURST_FRAMES))
+            if quiet[kind, hit].all():  # two at a time could exceed the codes
+                frames[hit] += rng.integers(-BURST_PEAK, BURST_PEAK, frames[hit].shape, "<i2")
+                quiet[kind, hit] = False
+    return groups, quiet
+
+
+def _settle(path):
+    """Leaves the file in memory as read from disk, whose pages are mapped twice as fast."""
+    with open(path, "r+b") as file:
+        os.fsync(file.fileno())
+        os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+        while file.read(1 << 24):
+            pass
+
+
+def reference_tones(recording, weights):
+    """Channel (groups, M, 64) of tones, without frames of bursts, in double precision."""
+    repetitions = WAVEFORM.repetitions
+    first, length = WAVEFORM.first_averaged, 64 * repetitions
+    kinds = []
+    for codes, quiet in zip(*_groups(recording.bursts), strict=True):
+        samples = codes.astype(float).view(complex) / 32768
+        frames = samples.reshape(GROUP_LENGTH, -1)[:, first : first + length]
+        folded = frames.reshape(GROUP_LENGTH, repetitions, 64).mean(axis=1)
+        kinds.append(np.fft.fft(weights * quiet @ folded) * WAVEFORM.equalizer())
+    return np.array(kinds)[np.arange(recording.groups) % len(kinds)]
+
 
 # What a skilled user ends at for the stock chain: samples and vectors per buffer. More or less
 # of either is slower.
@@ -47,13 +153,6 @@ class Flowgraph:
         return np.concatenate([part[:groups] for part in parts], axis=1)
 
 
-def sample_type(recording, item_type):
-    """(path, bytes per sample, SigMF's name) of one of a recording's two files."""
-    if item_type == "sc16":
-        return str(recording.sc16), 4, "ci16_le"
-    return str(recording.fc32), 8, "cf32_le"
-
-
 class ToneSink(SnapshotSink):
     """Computes tones (M, 64) of complete groups as the Reader does, without reading them."""
 
@@ -82,55 +181,39 @@ def stream(recording, weights, item_type):
 
 
 def _file_source(recording, item_type="fc32"):
-    path, size, _ = sample_type(recording, item_type)
+    path, size = str(getattr(recording, item_type)), _BYTES[item_type]
     return blocks.file_source(size, path, False, 0, recording.samples)
 
 
-def planned(settings, recordings, source, order="tones first", segments=None, derotated=False):
-    """The tones of a plan from recordings of each antenna, by ``source`` and ``order``."""
-    kind, item_type = source.split("-")
-    waveform, table, folded = settings.waveform, settings.table, kind == "file"
-    rotation = None
+def planned(settings, recording, item_type, order, segments=None, derotated=False):
+    """The tones of a plan from a recording, by ``order``; ``recording``: of its segments."""
+    waveform, table, rotation = settings.waveform, settings.table, None
     if derotated:
         rotation = table.derotation(waveform.sample_rate_hz, waveform.symbol_length)
-    sources = [_file_source(recording, item_type) for recording in recordings]
-    if folded:
-        segments = segments or [(0, 0, recordings[0].samples)]
-        files = [sample_type(recording, item_type) for recording in recordings]
-        sources = [
-            wiforce.recording_source(path, datatype, segments, **waveform.folding)
-            for path, _, datatype in files
-        ]
-    row = kernel_blocks(
-        order, table.weights, settings.group_length, waveform, item_type, folded, rotation
-    )
-    if len(sources) == 2:
-        row.insert(
-            0, wiforce.antenna_ratio(waveform.name, waveform.frame_length, waveform.sample_rate_hz)
-        )
-    flowgraph = Flowgraph(sources[0], *row).end(row[-1])
-    for port, other in enumerate(sources[1:], 1):
-        flowgraph.top.connect(other, (row[0], port))
-    return flowgraph
+    row = kernel_blocks(order, table.weights, settings.group_length, waveform, item_type, rotation)
+    source = _file_source(recording, item_type)
+    if order == "recording":
+        path, datatype = str(getattr(recording, item_type)), DATATYPE[item_type]
+        source = wiforce.recording_source(path, datatype, segments, **waveform.folding)
+    return Flowgraph(source, *row).end(row[-1])
 
 
-def kernel_blocks(
-    order, weights, group_length, waveform=WAVEFORM, item_type="fc32", folded=False, rotation=None
-):
-    """Blocks from samples, or folded ones, to the channel at tones of weights (M, group_length).
+def kernel_blocks(order, weights, group_length, waveform=WAVEFORM, item_type="fc32", rotation=None):
+    """Blocks from samples to the channel at tones of weights (M, group_length).
 
-    ``order``: ``tones first``, ``block by block`` (snapshots between), ``channel first``.
+    ``order``: ``tones first``, ``block by block`` (snapshots between), ``channel first``, or
+    ``recording``, whose source folds.
     """
     frame = {**waveform.folding, "item_type": item_type}
     group = {"weights": weights, "group_length": group_length}
     factors = waveform.equalizer().astype(np.complex64)
-    fold = [] if folded else [wiforce.preamble_fold(**frame)]
+    fold = [] if order == "recording" else [wiforce.preamble_fold(**frame)]
     if order == "channel first":
         estimator = wiforce.ofdm_channel_estimator(factors, 1)
         return [*fold, estimator, wiforce.phase_group_doppler(**group)]
     rotations = () if rotation is None else (rotation.astype(np.complex64),)
     estimator = wiforce.ofdm_channel_estimator(factors, len(weights), *rotations)
-    if order == "tones first" and fold:
+    if order == "tones first":
         return [wiforce.preamble_fold.tones(**group, **frame), estimator]
     return [*fold, wiforce.phase_group_doppler(**group), estimator]
 
@@ -145,7 +228,7 @@ class RecordedTones:
     """A whole recording read without a flowgraph."""
 
     def __init__(self, recording, weights, item_type):
-        path, _, datatype = sample_type(recording, item_type)
+        path, datatype = str(getattr(recording, item_type)), DATATYPE[item_type]
         shape = WAVEFORM.frame_length, WAVEFORM.first_averaged, WAVEFORM.repetitions
         length = WAVEFORM.symbol_length
         group = weights, WAVEFORM.equalizer(), [], range(length)

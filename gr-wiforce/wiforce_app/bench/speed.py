@@ -14,7 +14,7 @@ from gnuradio.wiforce.scene import load_scene
 from ..shell.log import progress
 from ..shell.options import IntegerRange
 from ..shell.tables import Column, echo, table
-from .recording import reference_tones, tone_weights, write_recording
+from .chains import CHAINS, reference_tones, tone_weights, write_recording
 
 # Of the largest tone, in single precision.
 TOLERANCE = 1e-5
@@ -103,8 +103,6 @@ def speed(as_json, runs, megabytes):
 
 def _msps(name, chain, weights, recording):
     """Msps of one run of a chain, if its tones are right."""
-    from .chains import CHAINS
-
     made = CHAINS[chain](recording, weights)
     start = time.perf_counter()
     made.run()

@@ -19,17 +19,16 @@ from ..shell.options import IntegerRange
 from ..shell.tables import Column, echo, table
 from .accuracy import Case, SnapshotChain, air_of, errors_of, plan_of
 from .inversion import random_presses
-from .recording import Recording
 
 WAVEFORM = sounding_waveform()
-# Ways to tones: in double precision from snapshots, or by a source and blocks in an order.
+# Ways to tones: in double precision from snapshots, or by blocks that read a type in an order.
 PATHS = {
     "double": None,
-    "file-fc32": ("file-fc32", "tones first"),
-    "stream-fc32": ("stream-fc32", "tones first"),
-    "stream-sc16": ("stream-sc16", "tones first"),
-    "block by block": ("stream-fc32", "block by block"),
-    "channel first": ("stream-fc32", "channel first"),
+    "file-fc32": ("fc32", "recording"),
+    "stream-fc32": ("fc32", "tones first"),
+    "stream-sc16": ("sc16", "tones first"),
+    "block by block": ("fc32", "block by block"),
+    "channel first": ("fc32", "channel first"),
 }
 _BLOCKS = ("file-fc32", "stream-fc32", "block by block", "channel first")
 _FULL_SCALE = 23000  # -3 dB
@@ -229,28 +228,26 @@ def read_case(
 
 
 def _by_blocks(path, settings, snapshots, indices):
-    """Tones of the groups with these indices, as Groups: by C++ blocks."""
+    """Groups with these indices, by C++ blocks from a file of their samples."""
     import pmt
     from gnuradio import blocks
     from gnuradio.wiforce.blocks.chain import ToneInput
 
-    from .chains import planned
+    from .chains import Recording, planned
 
-    source, order = PATHS[path]
+    item_type, order = PATHS[path]
+    length = settings.group_length * WAVEFORM.frame_length
+    # (file sample, global index, length) of every run of groups without a gap.
+    segments = [
+        (int(run[0]) * length, int(indices[run[0]] - indices[0]) * length, len(run) * length)
+        for run in np.split(np.arange(len(indices)), np.flatnonzero(np.diff(indices) > 1) + 1)
+    ]
     with tempfile.TemporaryDirectory(prefix="wiforce-stress-") as folder:
         samples = Path(folder) / "samples"
         with open(samples, "wb") as stream:
-            for group in snapshots:
-                stream.write(_samples(group, source[-4:]))
-        length = settings.group_length * WAVEFORM.frame_length
+            stream.writelines(_samples(group, item_type) for group in snapshots)
         recording = Recording(samples, samples, length * len(indices))
-        # (file sample, global index, length) of every run of groups without a gap.
-        runs = np.split(np.arange(len(indices)), np.flatnonzero(np.diff(indices) > 1) + 1)
-        segments = [
-            (int(run[0]) * length, int(indices[run[0]] - indices[0]) * length, len(run) * length)
-            for run in runs
-        ]
-        flowgraph = planned(settings, [recording], source, order, segments)
+        flowgraph = planned(settings, recording, item_type, order, segments)
         messages = blocks.message_debug(False)
         for block in flowgraph.row:
             if "incomplete" in pmt.to_python(block.to_basic_block().message_ports_out()):

@@ -4,6 +4,7 @@
 import tempfile
 import time
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 
 import click
@@ -14,19 +15,18 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.expected import MEDIAN, phase_std_deg
 from gnuradio.wiforce.planning.plan import HARMONICS, Plan, plan
 from gnuradio.wiforce.receiver import Receiver
+from gnuradio.wiforce.receiver.recording import groups_of
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.simulator import simulate
-from gnuradio.wiforce.simulation.truth import read_truth, write_truth
 
-from ..evaluate.experiment import pooled_summary, scored, with_mean_phases
+from ..evaluate.experiment import mean_truth, pooled_summary, scored
 from ..shell.log import progress
 from ..shell.tables import Column, echo, table
-from .recording import GROUP_LENGTH, WAVEFORM, with_floats
+from .chains import DATATYPE, GROUP_LENGTH, WAVEFORM, Recording, planned, stock
 
 _GROUP_LENGTHS = (125, 250, 625, 1250)
 _CLUTTER_HZ = (0.0, 250.0)
-_BATCH = 64  # groups
+_BATCH = 256  # groups, as of recordings
 # The plan is beaten by a setting that is faster and more accurate by this factor.
 _MARGIN = 1.2
 
@@ -78,22 +78,15 @@ def tradeoff(scenes, as_json):
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting: scene and plan with one change from the planner's choice."""
+    """One setting: scene and plan with one change from the planner's choice.
+
+    Without an ``order`` of blocks, the recording is read as by ``gr-wiforce read``.
+    """
 
     name: str
     plan: Plan
-    source: str = "file-sc16"
-    order: str = "tones first"
-
-    @property
-    def derotated(self):
-        """Whether tones are derotated within a symbol, before the FFT."""
-        return self.order in ("tones first", "block by block")
-
-    @property
-    def work(self):
-        """Settings with an equal value share the computation from tones to readings."""
-        return id(self.plan), self.derotated
+    item_type: str = "sc16"
+    order: str | None = None
 
 
 def settings_of(scene):
@@ -124,83 +117,79 @@ def settings_of(scene):
         waveform = chosen.waveform
         kept = {key: getattr(waveform, key)[::step] for key in ("subcarriers", "reference")}
         vary(f"{label} subcarrier", waveform=replace(waveform, **kept))
-    for source in ("file-fc32", "stream-sc16", "stream-fc32"):
-        found.append(Setting(source, chosen, source))
-    for order in ("block by block", "channel first"):
-        found.append(Setting(order, chosen, "stream-fc32", order))
-    sent = chosen.waveform.name, chosen.waveform.frame_length, chosen.group_length
-    if sent == (WAVEFORM.name, WAVEFORM.frame_length, GROUP_LENGTH):
-        found.append(Setting("stock blocks", chosen, "stream-fc32", "stock"))
+    found.append(Setting("file-fc32", chosen, "fc32"))
     if scene.environment.receive_antennas == 2:
         # The ratio of two antennas is taken from folded frames, which only files provide here.
-        return [setting for setting in found if setting.source.startswith("file")]
+        return found
+    found += [Setting(f"stream-{kind}", chosen, kind, "tones first") for kind in ("sc16", "fc32")]
+    found += [Setting(name, chosen, "fc32", name) for name in ("block by block", "channel first")]
+    sent = chosen.waveform.name, chosen.waveform.frame_length, chosen.group_length
+    if sent == (WAVEFORM.name, WAVEFORM.frame_length, GROUP_LENGTH):
+        found.append(Setting("stock blocks", chosen, "fc32", "stock"))
     return found
 
 
 def measure_scene(name):
     """Simulate a scene and read it with all settings: ``scene``, ``signal_s``, ``points``."""
-    from .chains import CHAINS, planned
-
     scene = load_scene(name)
-    settings = settings_of(scene)
-    samples_s, groups_s, readings = {}, {}, {}
     with tempfile.TemporaryDirectory(prefix="wiforce-tradeoff-") as place:
-        written = simulate(scene, Path(place) / "capture")
-        captures = [open_capture(path) for path in written if path.suffix == ".sigmf-meta"]
-        recordings = [with_floats(capture.path) for capture in captures]
-        signal_s = recordings[0].samples / scene.radio.sample_rate_hz
-        for setting in settings:
-            if setting.order == "stock":
-                flowgraph = CHAINS["stock-tuned"](recordings[0], setting.plan.table.weights)
-            else:
-                way = setting.source, setting.order
-                flowgraph = planned(setting.plan, recordings, *way, derotated=setting.derotated)
-            samples_s[setting.name], _ = _timed(flowgraph.run)
-            receiver = Receiver(setting.plan, derotated=setting.derotated)
-            tones = flowgraph.tones[:, :, setting.plan.waveform.bins]
-            spent, readings[setting.name] = _timed(_readings, receiver, tones)
-            groups_s[setting.work] = min(spent, groups_s.get(setting.work, spent))
-    points = []
-    for setting in settings:
-        times_s = samples_s[setting.name] / signal_s, groups_s[setting.work] / signal_s
-        points.append(
-            {
-                "setting": setting.name,
-                "cpu_s_per_s": sum(times_s),
-                "samples_s_per_s": times_s[0],
-                "groups_s_per_s": times_s[1],
-                "readings_per_s": 1 / setting.plan.group_period_s,
-                "group_length": setting.plan.group_length,
-                "bound_deg": float(MEDIAN * np.sqrt(np.mean(phase_std_deg(setting.plan) ** 2))),
-                **_errors(setting.plan.scene, readings[setting.name]),
-            }
-        )
+        captures = {}
+        for item_type, datatype in DATATYPE.items():
+            simulate(scene, Path(place) / item_type, datatype)
+            captures[item_type] = open_capture(Path(place) / item_type)
+        signal_s = captures["sc16"].samples / scene.radio.sample_rate_hz
+        points = [
+            _point(setting, captures[setting.item_type], signal_s) for setting in settings_of(scene)
+        ]
     return {"scene": str(name), "signal_s": signal_s, "points": points}
 
 
-def _timed(work, *arguments):
-    """Processor time of a call, and its result."""
-    began = time.process_time()
-    given = work(*arguments)
-    return time.process_time() - began, given
-
-
-def _readings(receiver, tones):
-    """Readings of tones (G, M, K), in the batches of ``gr-wiforce read``."""
-    readings = []
-    for first in range(0, len(tones), _BATCH):
-        batch = tones[first : first + _BATCH]
-        readings += receiver.process(Groups(first + np.arange(len(batch)), batch))
-    return readings + receiver.finish()
-
-
-def _errors(scene, readings):
-    """Median errors over all sensors, against the truth at the centres of the groups."""
-    with tempfile.NamedTemporaryFile(suffix=".csv") as file:
-        write_truth(scene, AirChannel(scene), file.name)
-        truth = with_mean_phases(scene, read_truth(file.name))
+def _point(setting, capture, signal_s):
+    """The errors of a setting, and its processor time per second of signal."""
+    receiver = Receiver(setting.plan, derotated=setting.order not in ("channel first", "stock"))
+    times_s = [time.process_time()]
+    batches = _tones(setting, capture)
+    times_s.append(time.process_time())
+    readings = [reading for batch in batches for reading in receiver.process(batch)]
+    readings += receiver.finish()
+    times_s.append(time.process_time())
+    samples_s, groups_s = (np.diff(times_s) / signal_s).tolist()
+    scene = setting.plan.scene
     nothing = {"read": 0, "phase_deg": None, "force_n": None, "location_mm": None}
-    return nothing | pooled_summary(scored(scene, readings, truth))
+    return {
+        "setting": setting.name,
+        "cpu_s_per_s": samples_s + groups_s,
+        "samples_s_per_s": samples_s,
+        "groups_s_per_s": groups_s,
+        "readings_per_s": 1 / setting.plan.group_period_s,
+        "group_length": setting.plan.group_length,
+        "bound_deg": float(MEDIAN * np.sqrt(np.mean(phase_std_deg(setting.plan) ** 2))),
+        **nothing,
+        **pooled_summary(scored(scene, readings, mean_truth(scene))),
+    }
+
+
+def _tones(setting, capture):
+    """Batches of Groups of a capture."""
+    settings = setting.plan
+    if setting.order is None:
+        source = groups_of(capture, settings, 0)
+        return list(takewhile(len, iter(source.read, None)))
+    recording = Recording(capture.path, capture.path, capture.samples)
+    if setting.order == "stock":
+        flowgraph = stock(recording, settings.table.weights, tuned=True)
+    else:
+        derotated = setting.order != "channel first" and settings.waveform.is_derotated
+        order = setting.item_type, setting.order
+        flowgraph = planned(settings, recording, *order, derotated=derotated)
+    flowgraph.run()
+    tones = flowgraph.tones[:, :, settings.waveform.bins]
+    firsts = range(0, len(tones), _BATCH)
+    batches = (tones[first : first + _BATCH] for first in firsts)
+    return [
+        Groups(first + np.arange(len(batch)), batch)
+        for first, batch in zip(firsts, batches, strict=True)
+    ]
 
 
 def beat_the_plan(points):

@@ -21,7 +21,7 @@ from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.weights import tones_of
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.simulator import simulate
-from gnuradio.wiforce.simulation.truth import read_truth, score, steady_rows
+from gnuradio.wiforce.simulation.truth import score, steady_rows, truth_rows
 from gnuradio.wiforce.wiforce_kernels import folded_reader
 from scipy.fft import fft
 
@@ -60,8 +60,7 @@ def simulated(scene, work_folder):
     with tempfile.TemporaryDirectory(dir=work_folder, prefix=".capture-") as folder:
         capture = Path(folder) / "capture"
         simulate(scene, capture)
-        truth = with_mean_phases(scene, read_truth(f"{capture}.truth.csv"))
-        yield open_capture(capture), truth
+        yield open_capture(capture), mean_truth(scene)
 
 
 def _read(scene, recording, truth):
@@ -125,10 +124,11 @@ def _errors(sensor):
     return {**errors, "flagged": sensor["flagged"], "read": read}
 
 
-def with_mean_phases(scene, truth):
-    """Truth rows with the phases of the mean reflection of each group, not of its centre."""
-    tags = AirChannel(scene).sensors
-    truth = [row for row in truth if row["sensor"] in tags]
+def mean_truth(scene):
+    """Rows of truth with the phases of the mean reflection of each group, not of its centre."""
+    channel = AirChannel(scene)
+    tags = channel.sensors
+    truth = [row for row in truth_rows(scene, channel) if row["sensor"] in tags]
     for row in truth:
         pressed = tags[row["sensor"]].pressed
         phases = pressed.mean_phases_deg([row["time_s"]], scene.group_period_s)[0]

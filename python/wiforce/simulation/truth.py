@@ -36,26 +36,33 @@ def group_centers(scene: Scene) -> np.ndarray:
     return (np.arange(groups) + 0.5) * scene.group_samples / scene.radio.sample_rate_hz
 
 
-def write_truth(scene: Scene, channel: Any, path: str | Path) -> None:
-    """Write the state at the centre of each phase group as CSV, a row per group and sensor.
+def truth_rows(scene: Scene, channel: Any) -> list[dict[str, Any]]:
+    """The state at the centre of each phase group, a row per group and sensor.
 
     ``force_n`` also below the onset; surfaces have rows with x in ``location_mm``, and ``y_mm``.
     """
     times = group_centers(scene)
     states, of_surface = channel.touch_state(times), surface_truth(scene, times)
+    rows: list[dict[str, Any]] = []
+    for i, time_s in enumerate(times.tolist()):
+        at = {"time_s": rounded("time_s", time_s)}
+        for name, state in states.items():
+            numbers = (state.force_n[i], state.location_mm[i], *state.phases_deg[i])
+            found = {k: rounded(k, x) for k, x in zip(TRUTH_COLUMNS[3:], numbers, strict=True)}
+            rows.append({**at, "sensor": name, "touch": int(state.touch[i]), **found})
+        for row in of_surface[i]:
+            cells = {k: round(x, 4) if isinstance(x, float) else x for k, x in row.items()}
+            rows.append({**at, **cells})
+    return rows
+
+
+def write_truth(scene: Scene, channel: Any, path: str | Path) -> None:
+    """Write the truth of a scene's capture as CSV."""
     columns = TRUTH_COLUMNS if scene.surface is None else (*TRUTH_COLUMNS, "y_mm")
     with open(path, "w", encoding="utf-8", newline="") as stream:
         writer = csv.DictWriter(stream, columns, lineterminator="\n")
         writer.writeheader()
-        for i, time_s in enumerate(times.tolist()):
-            at = {"time_s": rounded("time_s", time_s)}
-            for name, state in states.items():
-                numbers = (state.force_n[i], state.location_mm[i], *state.phases_deg[i])
-                found = dict(zip(columns[3:7], map(rounded, columns[3:7], numbers), strict=True))
-                writer.writerow({**at, "sensor": name, "touch": int(state.touch[i]), **found})
-            for row in of_surface[i]:
-                cells = {k: round(x, 4) if isinstance(x, float) else x for k, x in row.items()}
-                writer.writerow({**at, **cells})
+        writer.writerows(truth_rows(scene, channel))
 
 
 @contextmanager

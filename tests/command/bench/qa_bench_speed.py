@@ -9,9 +9,8 @@ import pytest
 from command_runs import run_command
 from gnuradio.wiforce.planning.plan import plan
 from wiforce_app.bench import inversion, read
-from wiforce_app.bench.chains import CHAINS
+from wiforce_app.bench.chains import CHAINS, reference_tones, tone_weights, write_recording
 from wiforce_app.bench.live import delays_s
-from wiforce_app.bench.recording import reference_tones, tone_weights, write_recording
 from wiforce_app.bench.speed import check_tones
 
 
