@@ -83,8 +83,6 @@ _GROUPS_PER_RISE = 2
 _NOTICEABLE_DB = 0.5
 # Group lengths that are tried: 125, 250, 625 and 1250 snapshots of the default frame.
 _GROUP_LENGTHS_S = (0.0072, 0.0144, 0.036, 0.072)
-# Clocks are assessed in groups of at most this length: longer ones only resolve more.
-_LONGEST_ASSESSED = 1250
 # A reference of so many groups adds 1/12 to the variance of a reading.
 _REFERENCE_GROUPS, _FEW_REFERENCE_GROUPS = 12, 4
 # A proposal must lower the noise by 3 %, or shorten groups by 10 % at no more noise than that.
@@ -120,10 +118,7 @@ def warnings(plan: Plan) -> list[str]:
 
 
 def _clock_warnings(plan: Plan) -> Iterator[str]:
-    length = min(plan.group_length, _LONGEST_ASSESSED)
-    tolerance_ppm = max(clock.planned_ppm for clock in plan.clocks)
-    report = assess_clocks(plan.clocks_hz, plan.waveform, length, tolerance_ppm, plan.clutter_hz)
-    yield from report.problems
+    yield from assess_clocks(plan).problems
     if plan.waveform.repetitions == 1:
         yield (
             "only one repetition is averaged: bursts of other transmitters are not recognised, "

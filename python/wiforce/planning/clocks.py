@@ -20,7 +20,6 @@ from ..signal.lines import (
     lamp_distances_hz,
 )
 from ..signal.switching import harmonics
-from ..signal.waveform import Waveform
 from .loss import BANDS_HZ, Snapshots, gram, tried_phases, typical_times_s, variances
 from .plan import HARMONICS, Plan
 
@@ -76,24 +75,17 @@ class ClockReport(NamedTuple):
         return self.worst_loss_db <= WORST_LOSS_DB
 
 
-def assess_clocks(
-    clocks_hz: Sequence[float],
-    waveform: Waveform,
-    group_length: int,
-    tolerance_ppm: float = 100.0,
-    clutter_hz: float = 0.0,
-    times_s: np.ndarray | None = None,
-) -> ClockReport:
-    """How well the ends of tags can be separated whose clocks may be off by ``tolerance_ppm``.
+def assess_clocks(plan: Plan) -> ClockReport:
+    """How well the ends of a plan's tags can be separated whose clocks are off by their tolerance.
 
     Information is the power per snapshot of what no other waveform explains, at the worst of some
     clock phases.
     """
-    period_s, averaging_s = waveform.snapshot_period_s, waveform.averaging_s
-    snapshots = Snapshots.of(group_length, period_s, averaging_s, clutter_hz, times_s)
+    snapshots, clocks_hz = Snapshots.of(plan), np.array(plan.clocks_hz)
     starts = np.random.default_rng(0).random((_TRIALS, len(clocks_hz)))
     errors = np.add.outer(np.arange(_TRIALS), np.arange(len(clocks_hz))) % 3 - 1
-    trials_hz = np.array(clocks_hz) * (1 + 1e-6 * tolerance_ppm * errors)
+    planned_ppm = np.array([clock.planned_ppm for clock in plan.clocks])
+    trials_hz = clocks_hz * (1 + 1e-6 * planned_ppm * errors)
     # Some trials at once: all of them would take 100 MB for many tags in long groups.
     worst = np.max(
         [
@@ -103,14 +95,14 @@ def assess_clocks(
         axis=0,
     )
     information = 1 / (worst * len(snapshots.times_s))
-    loss_db = 10 * np.log10(_ideal_power(clocks_hz, averaging_s) / np.maximum(information, 1e-12))
-    return ClockReport(information, loss_db)
+    ideal = _ideal_power(clocks_hz, plan.waveform.averaging_s)
+    return ClockReport(information, 10 * np.log10(ideal / np.maximum(information, 1e-12)))
 
 
-def _ideal_power(clocks_hz: Sequence[float] | np.ndarray, averaging_s: float) -> np.ndarray:
+def _ideal_power(clocks_hz: np.ndarray, averaging_s: float) -> np.ndarray:
     """Power (2S,) of each switch's averaged waveform about its mean."""
     orders = np.arange(1, 4 * _HIGHEST_HARMONIC)[:, None]
-    lines = harmonics(orders, np.asarray(clocks_hz) * averaging_s)
+    lines = harmonics(orders, clocks_hz * averaging_s)
     return 2 * np.sum(lines**2, axis=0).ravel()
 
 
@@ -207,12 +199,11 @@ def clocks_for(scene: Any, count: int) -> SceneClocks:
         TagClock(sensor.clock_hz, sensor.clock_tolerance_ppm).planned_ppm
         for sensor in scene.sensors
     )
-    times_s = None if scene.packets is None else typical_times_s(scene)
+    times_s, length = typical_times_s(scene), scene.phase_group.snapshots
     # The plan rejects a wide band where the clocks leave room for it; at irregular times it rejects
     # nothing before a survey has found something.
     bands_hz = [BANDS_HZ[0], 0.0] if times_s is None else [0.0]
     for clutter_hz in bands_hz if stated_hz is None else [stated_hz]:
-        length = scene.phase_group.snapshots
         settings = Plan(
             scene.waveform(), (), length, clutter_hz, HARMONICS[0], 1, 1, times_s=times_s
         )
@@ -223,23 +214,22 @@ def clocks_for(scene: Any, count: int) -> SceneClocks:
         except InputError:
             if clutter_hz in (0.0, stated_hz):
                 raise
-    report = assess_clocks(clocks_hz, settings.waveform, length, tolerance_ppm, clutter_hz, times_s)
     one, other = np.array(clocks_hz)[np.array(np.triu_indices(count, 1))]
     distances_hz = line_distances_hz(one, other, tolerance_ppm)
+    lamps_hz = lamp_distances_hz(clocks_hz, mains_hz).min(axis=1)
     return SceneClocks(
         clocks_hz,
         float(distances_hz.min()) if count > 1 else None,
-        _lamp_distances_hz(clocks_hz, mains_hz).tolist() if mains_hz else None,
+        lamps_hz.tolist() if mains_hz else None,
         1 / scene.group_period_s,
-        report.worst_loss_db,
+        assess_clocks(_with_tags(settings, clocks_hz, tolerance_ppm)).worst_loss_db,
     )
 
 
-def _lamp_distances_hz(
-    clocks_hz: Sequence[float] | np.ndarray, mains_hz: Sequence[float]
-) -> np.ndarray:
-    """Least distance of strong lines of each clock from those of lamps, in Hz."""
-    return np.array([lamp_distances_hz(hz, mains_hz).min() for hz in clocks_hz])
+def _with_tags(settings: Plan, clocks_hz: Sequence[float], tolerance_ppm: float) -> Plan:
+    """Settings with these tags as well, before those that they have."""
+    more = tuple(TagClock(hz, tolerance_ppm) for hz in clocks_hz)
+    return replace(settings, clocks=(*more, *settings.clocks), room=None)
 
 
 class _Search:
@@ -260,21 +250,13 @@ class _Search:
         found = found[np.abs(apart_hz).min(axis=(1, 2), initial=np.inf) >= self.bin_hz]
         self._grid, self._clocks = found, np.r_[found, settings.clocks_hz]
         self._distances_hz = line_distances_hz(found[:, None], self._clocks, tolerance_ppm)
-        self._lamps_hz = _lamp_distances_hz(found, mains_hz)
+        self._lamps_hz = lamp_distances_hz(found, mains_hz).min(axis=1)
 
     @cached_property
     def _gram(self) -> np.ndarray:
         """Products (3, 2C, 2C) of the ends of all clocks at some phases, over their power."""
-        settings = self._settings
-        averaging_s = settings.waveform.averaging_s
-        snapshots = Snapshots.of(
-            settings.group_length,
-            settings.waveform.snapshot_period_s,
-            averaging_s,
-            settings.clutter_hz,
-            settings.times_s,
-        )
-        power = _ideal_power(self._clocks, averaging_s) * len(snapshots.times_s)
+        snapshots = Snapshots.of(self._settings)
+        power = _ideal_power(self._clocks, snapshots.averaging_s) * len(snapshots.times_s)
         # One phase at a time: many clocks in long groups take 50 MB each.
         return np.stack(
             [
@@ -299,19 +281,11 @@ class _Search:
         # Those in use are behind the candidates.
         others = len(self._grid)
         conflicts, free = conflicts[:, :others], ~conflicts[:, others:].any(axis=1)
-        settings = self._settings
         for _ in range(_ATTEMPTS):
             chosen = self._fill(count, conflicts, free)
             if chosen is None:
                 return None
-            report = assess_clocks(
-                [*self._clocks[chosen], *settings.clocks_hz],
-                settings.waveform,
-                settings.group_length,
-                self._tolerance_ppm,
-                settings.clutter_hz,
-                settings.times_s,
-            )
+            report = assess_clocks(self._with(chosen))
             if report.readable:
                 return chosen
             free[chosen[int(np.argmax(report.loss_db[: 2 * count])) // 2]] = False
@@ -326,7 +300,7 @@ class _Search:
             apart_hz = np.abs(np.subtract.outer(self._grid[possible], near_hz))
             moved_hz = apart_hz.min(axis=1, initial=np.inf)
             for best in possible[self._ranked(chosen, possible, moved_hz)].tolist():
-                if self._separable([*chosen, best]):
+                if self._with([*chosen, best]).separable:
                     break
             else:
                 return None
@@ -355,10 +329,9 @@ class _Search:
         lamps = self._lamps_hz[possible] * np.where(moved_hz < _SAME_HZ, FARTHER * (1 - 1e-9), 1.0)
         return np.lexsort((cost, *np.where(good, (moved_hz, -lamps), 0.0), ~good))
 
-    def _separable(self, tags: Sequence[int]) -> bool:
-        """Whether a plan with these tags as well is accepted."""
-        more = tuple(TagClock(hz, self._tolerance_ppm) for hz in self._clocks[tags].tolist())
-        return replace(self._settings, clocks=(*more, *self._settings.clocks), room=None).separable
+    def _with(self, tags: Sequence[int]) -> Plan:
+        """The settings with some of the candidates as well."""
+        return _with_tags(self._settings, self._clocks[tags].tolist(), self._tolerance_ppm)
 
 
 def _candidates(

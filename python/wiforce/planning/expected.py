@@ -22,7 +22,7 @@ from ..signal.switching import harmonics
 from ..simulation.channel import PEAK
 from ..simulation.paths import NOISE_PEAK
 from ..simulation.radio import noise_over_static
-from .loss import Snapshots
+from .loss import LONGEST, Snapshots
 
 if TYPE_CHECKING:
     from ..estimation.groups import Array
@@ -146,8 +146,6 @@ def why_not_readable(scene: Scene, index: int, levels: ReceivedLevels | None = N
 MEDIAN = 0.6745
 # Sweeps over which a calibration is assumed to average the untouched phases.
 _UNTOUCHED_SWEEPS = 10
-# Longest group for which the bound is computed; beyond it the variance falls with the length.
-_LONGEST = 1250
 # Of the phases of a radio without noise, where a variance is divided by.
 _NOISELESS_DEG = 1e-6
 
@@ -292,12 +290,8 @@ def phase_std_deg(plan: Plan) -> np.ndarray:
     From the bound of arg R to psi, whose slope is |D| / |G| on average over the calibrated span.
     """
     scene, waveform = plan.require_scene(), plan.waveform
-    length = min(plan.group_length, _LONGEST)
-    times_s, clutter = np.arange(length) * waveform.snapshot_period_s, None
-    if plan.times_s is not None:
-        times_s, length = plan.times_s, plan.group_length
-        period_s = waveform.snapshot_period_s
-        clutter = Snapshots.of(length, period_s, 0.0, plan.clutter_hz, times_s).clutter
+    # Beyond that length the variance falls with it.
+    snapshots = Snapshots.of(plan, LONGEST)
     sizes = []
     for sensor in plan.sensors:
         force_n, location_mm = _span(sensor.model).T
@@ -310,12 +304,11 @@ def phase_std_deg(plan: Plan) -> np.ndarray:
         np.repeat(amplitudes.reshape(-1, 1).astype(complex), subcarriers, axis=1),
         np.full(subcarriers, receive_levels(scene).total),
         [(hz, 1.0 + 2.4 * i) for i, hz in enumerate(plan.clocks_hz)],
-        times_s,
+        snapshots.times_s,
         waveform.averaging_s,
-        plan.clutter_hz,
-        clutter=clutter,
+        clutter=snapshots.clutter,
     )
-    groups = plan.group_length / length
+    groups = plan.group_length / len(snapshots.times_s)
     share = 1 / plan.smoothing_groups + 1 / plan.reference_groups
     loss = 10 ** (np.array(plan.loss_db) / 10) if plan.loss_db else 1.0
     std = bound * np.sqrt(loss * share / groups)

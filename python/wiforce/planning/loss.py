@@ -4,23 +4,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..estimation.clocks.tracked_tag import TagClock
 from ..estimation.estimators import estimator_named
 from ..scene import Scene
 from ..signal.lines import CLUTTER_MARGIN, Tone, centered_times_s, clutter_basis, tag_lines
 from ..signal.switching import switch_averages
 from ..signal.timed_weights import clutter_at, timed_lines
 
+if TYPE_CHECKING:
+    from .plan import Plan
+
 # Clock phases that are tried, in cycles; they matter only where aliases meet other lines.
 _PHASES = (0.1, 0.37, 0.72)
 # Each tag's phase lies this part of a cycle (the golden section) after that of the one before.
 _PHASE_STEP = 0.618
 # Longer groups resolve more, but lose no less; the same band costs less.
-_LONGEST = 1250
+LONGEST = 1250
 
 
 class Snapshots(NamedTuple):
@@ -31,20 +34,17 @@ class Snapshots(NamedTuple):
     clutter: np.ndarray
 
     @classmethod
-    def of(
-        cls,
-        group_length: int,
-        period_s: float,
-        averaging_s: float,
-        clutter_hz: float,
-        times_s: np.ndarray | None = None,
-    ) -> Snapshots:
-        """On a grid of ``period_s``, or at irregular times (n,)."""
-        if times_s is None:
-            clutter = clutter_basis(group_length, period_s, clutter_hz)
-            return cls(centered_times_s(group_length, period_s), averaging_s, clutter)
-        basis = clutter_at(times_s, group_length * period_s, clutter_hz)
-        return cls(times_s, averaging_s, np.linalg.qr(basis)[0])
+    def of(cls, plan: Plan, longest: int | None = None) -> Snapshots:
+        """Those of a plan's groups, on a grid at most ``longest``."""
+        period_s, length = plan.waveform.snapshot_period_s, plan.group_length
+        if plan.times_s is None:
+            length = min(length, longest or length)
+            times_s = centered_times_s(length, period_s)
+            clutter = clutter_basis(length, period_s, plan.clutter_hz)
+        else:
+            times_s = plan.times_s
+            clutter = np.linalg.qr(clutter_at(times_s, length * period_s, plan.clutter_hz))[0]
+        return cls(times_s, plan.waveform.averaging_s, clutter)
 
     def ends(self, clocks_hz: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """Waveforms (T, n, 2S) of clocks (T, S) at phases in cycles, beside clutter."""
@@ -77,35 +77,25 @@ def variances(products: np.ndarray) -> np.ndarray:
     return np.asarray(np.diagonal(np.linalg.inv(alike), axis1=-2, axis2=-1) / scale**2)
 
 
-def losses_db(
-    choices: Sequence[int],
-    clocks: Sequence[TagClock],
-    group_length: int,
-    snapshot_period_s: float,
-    averaging_s: float,
-    clutter_hz: float,
-    times_s: np.ndarray | None = None,
-) -> dict[int, np.ndarray]:
+def losses_db(choices: Sequence[int], plan: Plan) -> dict[int, np.ndarray]:
     """Loss (2S,) in dB of each end from using lines +-1..+-harmonics, for several choices.
 
     Over least squares of all snapshots on [s1, s2, clutter], the mean over clock phases and signs
     of errors. Choices rise, as far as a group resolves them.
     """
-    clocks_hz = [clock.clock_hz for clock in clocks]
-    length = group_length if times_s is not None else min(group_length, _LONGEST)
-    snapshots = Snapshots.of(length, snapshot_period_s, averaging_s, clutter_hz, times_s)
+    snapshots, period_s = Snapshots.of(plan, LONGEST), plan.waveform.snapshot_period_s
 
     def tones(count: int, length: int) -> Sequence[Tone]:
-        if times_s is not None:
-            period_s = group_length * snapshot_period_s
-            return timed_lines(clocks_hz, times_s, period_s, clutter_hz, count)
-        return tag_lines(clocks_hz, snapshot_period_s, length, count, clutter_hz)
+        if plan.times_s is not None:
+            whole_s = length * period_s
+            return timed_lines(plan.clocks_hz, plan.times_s, whole_s, plan.clutter_hz, count)
+        return tag_lines(plan.clocks_hz, period_s, length, count, plan.clutter_hz)
 
-    waveforms = np.concatenate([_ends_off(clocks, snapshots, sign) for sign in (1, -1)])
+    waveforms = np.concatenate([_ends_off(plan, snapshots, sign) for sign in (1, -1)])
     whole = variances(gram(waveforms)).sum(axis=0)
     losses: dict[int, np.ndarray] = {}
     for count in choices:
-        if losses and 2 * len(tones(count, group_length)) >= group_length:
+        if losses and 2 * len(tones(count, plan.group_length)) >= plan.group_length:
             continue
         used = tones(count, len(snapshots.times_s))
         cycles = np.outer(snapshots.times_s, [t.frequency_hz for t in used if t.frequency_hz > 0])
@@ -115,16 +105,16 @@ def losses_db(
     return losses
 
 
-def end_variances(clocks: Sequence[TagClock], snapshots: Snapshots) -> np.ndarray:
+def end_variances(plan: Plan) -> np.ndarray:
     """Variances (2S,) of ends over the noise in H, summed over phases, beside clutter."""
-    return np.asarray(variances(gram(_ends_off(clocks, snapshots))).sum(axis=0))
+    waveforms = _ends_off(plan, Snapshots.of(plan, LONGEST))
+    return np.asarray(variances(gram(waveforms)).sum(axis=0))
 
 
-def _ends_off(clocks: Sequence[TagClock], snapshots: Snapshots, sign: int = 1) -> np.ndarray:
+def _ends_off(plan: Plan, snapshots: Snapshots, sign: int = 1) -> np.ndarray:
     """Waveforms (3, n, 2S) of clocks at some phases, off by their tolerance in turns."""
-    errors = [sign * (-1) ** i * 1e-6 * clock.planned_ppm for i, clock in enumerate(clocks)]
-    clocks_hz = np.array([clock.clock_hz for clock in clocks]) * (1 + np.array(errors))
-    return snapshots.ends(*tried_phases(clocks_hz))
+    errors = [sign * (-1) ** i * 1e-6 * clock.planned_ppm for i, clock in enumerate(plan.clocks)]
+    return snapshots.ends(*tried_phases(np.array(plan.clocks_hz) * (1 + np.array(errors))))
 
 
 # Doppler of a person is 12 Hz at 900 MHz and 33 Hz at 2.4 GHz (2 m/s), that of a fan's blades 60 to
@@ -134,50 +124,40 @@ BANDS_HZ = (250.0, 200.0, 150.0, 100.0, 60.0, 30.0)
 ACCEPTED_COST_DB = 0.1
 
 
-def automatic_band_hz(
-    clocks: Sequence[TagClock], group_length: int, snapshot_period_s: float, averaging_s: float
-) -> float:
-    """Widest clutter band, at most 250 Hz, that costs every end at most 0.1 dB, or 0."""
-    length = min(group_length, _LONGEST)
-    resolution_hz = 1 / (length * snapshot_period_s)
-    highest_hz = min(clock.clock_hz for clock in clocks) - CLUTTER_MARGIN * resolution_hz
+def clutter_band_hz(plan: Plan) -> float:
+    """The clutter band that the scene of a plan states, in Hz.
 
-    def variance(band_hz: float) -> np.ndarray:
-        snapshots = Snapshots.of(length, snapshot_period_s, averaging_s, band_hz)
-        return end_variances(clocks, snapshots)
-
-    still = variance(0.0)
-    for band_hz in BANDS_HZ:
-        if band_hz < highest_hz:
-            cost = np.max(variance(band_hz) / still)
-            if 10 * np.log10(cost) <= ACCEPTED_COST_DB:
-                return band_hz
-    return 0.0
-
-
-def clutter_band_hz(scene: Scene, clocks: Sequence[TagClock]) -> float:
-    """The scene's clutter band in Hz, or one that costs hardly anything where it states none."""
+    Where it states none, the widest, at most 250 Hz, that costs every end at most 0.1 dB, or 0.
+    """
+    scene = plan.require_scene()
     stated_hz = scene.environment.moving_clutter_hz
     if stated_hz is not None:
         return stated_hz
     # Every sequence that is rejected at irregular times costs a packet's worth of information, so
     # that nothing is rejected before a survey has found something.
-    if scene.packets or estimator_named(scene.phase_group.estimator).rectangular:
+    if scene.packets or estimator_named(plan.estimator).rectangular:
         return 0.0
-    waveform = scene.waveform()
-    return automatic_band_hz(
-        clocks, scene.phase_group.snapshots, waveform.snapshot_period_s, waveform.averaging_s
-    )
+    length_s = min(plan.group_length, LONGEST) * plan.waveform.snapshot_period_s
+    highest_hz = min(plan.clocks_hz) - CLUTTER_MARGIN / length_s
+    still = end_variances(replace(plan, clutter_hz=0.0))
+    for band_hz in BANDS_HZ:
+        if band_hz < highest_hz:
+            cost = np.max(end_variances(replace(plan, clutter_hz=band_hz)) / still)
+            if 10 * np.log10(cost) <= ACCEPTED_COST_DB:
+                return band_hz
+    return 0.0
 
 
 # Of the typical group's times; any other seed gives the same expected errors within 0.1 dB.
 _SEED = 1
 
 
-def typical_times_s(scene: Scene) -> np.ndarray:
-    """Rising times (N,) of the packets of a typical phase group, from its centre."""
+def typical_times_s(scene: Scene) -> np.ndarray | None:
+    """Rising times (N,) of the packets of a typical phase group, from its centre, if any."""
+    if scene.packets is None:
+        return None
     count, period_s = scene.phase_group.snapshots, scene.group_period_s
-    if scene.packets is not None and scene.packets.gaps == "regular":
+    if scene.packets.gaps == "regular":
         return (np.arange(count) + 0.5) * (period_s / count) - period_s / 2
     # Given their number, the times of a Poisson process are uniform.
     return np.sort(np.random.default_rng(_SEED).uniform(-period_s / 2, period_s / 2, count))

@@ -211,14 +211,14 @@ class Plan:
 
     def with_clocks(self, clocks: tuple[TagClock, ...]) -> "Plan":
         """The plan for other clocks of the tags, refused where their lines nearly coincide."""
-        scene = self.require_scene()
-        changed = replace(self, clocks=clocks, clutter_hz=clutter_band_hz(scene, clocks))
+        changed = replace(self, clocks=clocks)
+        changed = replace(changed, clutter_hz=clutter_band_hz(changed))
         try:
             if self.estimator == "harmonic":
                 return _with_fewest_harmonics(changed)
             changed.check_lines()
         except InputError as error:
-            raise error.renamed(_scene_keys(scene)) from error
+            raise error.renamed(_scene_keys(self.require_scene())) from error
         return changed
 
     def check_lines(self) -> None:
@@ -285,7 +285,6 @@ def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None)
         raise InputError(_key_of(scene, "reference_s"), rule, scene.reference_s)
     against = estimator_named(scene.phase_group.estimator).against
     clocks = tuple(TagClock(s.clock_hz, s.clock_tolerance_ppm) for s in scene.sensors)
-    times_s = None if scene.packets is None else typical_times_s(scene)
     settings = Plan(
         scene.waveform(),
         clocks,
@@ -297,7 +296,7 @@ def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None)
         max(1, round(scene.phase_group.smoothing_s / period)) if against == "untouched" else 1,
         scene.phase_group.estimator,
         scene=scene,
-        times_s=times_s,
+        times_s=typical_times_s(scene),
     )
     return settings.with_clocks(clocks)
 
@@ -319,9 +318,7 @@ def _key_of(scene: Scene, key: str) -> str:
 
 def _with_fewest_harmonics(settings: Plan) -> Plan:
     """The plan with the fewest harmonics that lose hardly more than the best choice."""
-    waveform = settings.waveform
-    grid = settings.group_length, waveform.snapshot_period_s, waveform.averaging_s
-    losses = losses_db(HARMONICS, settings.clocks, *grid, settings.clutter_hz, settings.times_s)
+    losses = losses_db(HARMONICS, settings)
     best = min(loss.max() for loss in losses.values())
     chosen = next(h for h, loss in losses.items() if loss.max() <= best + ACCEPTED_LOSS_DB)
 

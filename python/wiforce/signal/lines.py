@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 _Hz = TypeVar("_Hz", float, np.ndarray)
 
@@ -84,10 +85,10 @@ def with_mirrors(positive: Sequence[Tone]) -> tuple[Tone, ...]:
     return (*negative[::-1], *positive)
 
 
-def lamp_distances_hz(clock_hz: float, mains_hz: Sequence[float]) -> np.ndarray:
-    """Distances of lines 1, 2 and 4 of a tag to the nearest of a lamp; infinite without mains."""
-    lines = np.array(STRONG_LINES) * clock_hz
-    found = np.full(len(lines), np.inf)
+def lamp_distances_hz(clocks_hz: ArrayLike, mains_hz: Sequence[float]) -> np.ndarray:
+    """Distances (..., 3) of lines 1, 2 and 4 of clocks (...) to a lamp's; inf without mains."""
+    lines = np.multiply.outer(clocks_hz, STRONG_LINES)
+    found = np.full(lines.shape, np.inf)
     for mains in mains_hz:
         beyond = np.mod(lines, 2 * mains)
         found = np.minimum(found, np.minimum(beyond, 2 * mains - beyond))

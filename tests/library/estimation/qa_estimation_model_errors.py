@@ -4,11 +4,9 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.capture.compression import measure_compression
-from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.phases.reference import ProfileCheck, image_of
 from gnuradio.wiforce.io.readings import Flag
-from gnuradio.wiforce.planning.loss import Snapshots, automatic_band_hz, end_variances
 from gnuradio.wiforce.press.explanations import filter_of
 from gnuradio.wiforce.press.sensor_readout import SensorReadout
 from gnuradio.wiforce.press.sensor_state import SensorState
@@ -116,22 +114,6 @@ def test_compressed_tag_is_read_with_its_phase(share, offset, before):
         corrected.gain[:, 0],
         1e-9 + 2 * found.std**2 * np.sum(np.abs(ends[:, 0]) ** 2, axis=1),
     )
-
-
-@pytest.mark.parametrize(
-    "clock_hz, snapshots, band_hz",
-    [(1000.0, 625, 250.0), (1000.0, 250, 30.0), (1000.0, 125, 0.0), (400.0, 625, 0.0)],
-)
-def test_automatic_clutter_band_costs_a_tenth_of_a_db_at_most(clock_hz, snapshots, band_hz):
-    """Readings in a quiet room must not pay for movers that may never come."""
-    clocks = [TagClock(clock_hz)]
-    found = automatic_band_hz(clocks, snapshots, 57.6e-6, 20.48e-6)
-    assert found == band_hz
-    costs = [
-        end_variances(clocks, Snapshots.of(snapshots, 57.6e-6, 20.48e-6, hertz)).max()
-        for hertz in (0.0, found)
-    ]
-    assert costs[1] <= costs[0] * 10**0.01
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.planning.clocks import assess_clocks
-from plain import WAVEFORM, averaged_switches
+from plain import WAVEFORM, averaged_switches, make_plan
 
 
 def drawn_snapshots(clock_hz, phase, count=625, points=401):
@@ -25,7 +25,7 @@ def information_of(waveforms):
 
 @pytest.mark.parametrize("clocks_hz", [(1000.0,), (1000.0, 1400.0), (1000.0, 1790.0, 700.0)])
 def test_assess_clocks_information_is_lowest_over_clock_phases(clocks_hz):
-    report = assess_clocks(clocks_hz, WAVEFORM, 625)
+    report = assess_clocks(make_plan(clocks_hz))
     claimed = report.information
     rng = np.random.default_rng(5)
     found = []
@@ -40,17 +40,17 @@ def test_assess_clocks_information_is_lowest_over_clock_phases(clocks_hz):
 
 def test_assess_clocks_paper_tag_has_published_information():
     # q1, q2 at Ta = 20.48 us, known to three digits
-    found = assess_clocks([1000], WAVEFORM, 625).information
+    found = assess_clocks(make_plan([1000])).information
     assert found == pytest.approx([0.158, 0.152], abs=6e-4)
 
 
 def test_assess_clocks_two_paper_tags_are_readable():
-    report = assess_clocks([1000, 1400], WAVEFORM, 625)
+    report = assess_clocks(make_plan([1000, 1400]))
     assert report.readable and report.worst_loss_db < 1.0
 
 
 def test_assess_clocks_tag_at_twice_the_clock_is_not_readable():
-    report = assess_clocks([1000, 2000], WAVEFORM, 625)
+    report = assess_clocks(make_plan([1000, 2000]))
     assert not report.readable
     # at this phase clock 1 of the second tag is clock 2 of the first
     pair = drawn_snapshots(1000, 0.0)[:, 1], drawn_snapshots(2000, -0.5)[:, 0]

@@ -8,18 +8,17 @@ import numpy as np
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.advice import improve, warnings
 from gnuradio.wiforce.planning.expected import error_map, expect, receive_levels
-from gnuradio.wiforce.planning.loss import losses_db
+from gnuradio.wiforce.planning.loss import end_variances, losses_db
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.steps import steps
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth import read_truth, score
-from plain import averaged_switches
+from plain import averaged_switches, make_plan
 from wiforce_app.read.recordings import read_capture
 
 T, TA = 57.6e-6, 20.48e-6
@@ -32,7 +31,6 @@ def scene_of(sensors=None, **sections):
 
 @pytest.mark.parametrize("harmonics, clutter_hz", [(8, 0.0), (12, 0.0), (8, 60.0)])
 def test_line_loss_equals_least_squares_over_tones(harmonics, clutter_hz):
-    clock = TagClock(1000.0, 100.0)
     table = design_weights([1000.0], 625, T, clutter_hz, harmonics)
     clutter = table.basis[:, len(table.tones) :]
     ratios = []
@@ -47,20 +45,32 @@ def test_line_loss_equals_least_squares_over_tones(harmonics, clutter_hz):
             information = mixing.conj().T @ np.linalg.solve(noise, mixing)
             ratios.append((np.diag(np.linalg.inv(information)).real, whole))
     taken, whole = np.mean(ratios, axis=0)
-    loss = losses_db([harmonics], [clock], 625, T, TA, clutter_hz)[harmonics]
+    loss = losses_db([harmonics], make_plan(clutter_hz=clutter_hz))[harmonics]
     # edges drawn to a 400th of a window
     assert loss == pytest.approx(10 * np.log10(taken / whole), abs=0.01)
 
 
 def test_plan_chooses_fewest_harmonics_within_a_tenth_of_a_db():
     chosen = plan(scene_of())
-    band_hz = chosen.clutter_hz
-    losses = {
-        h: losses_db([h], chosen.clocks, 625, T, TA, band_hz)[h].max() for h in (8, 12, 16, 24)
-    }
+    losses = {h: losses_db([h], chosen)[h].max() for h in (8, 12, 16, 24)}
     accepted = [h for h, loss in losses.items() if loss <= min(losses.values()) + 0.1]
     assert chosen.harmonics == min(accepted) and losses[8] > losses[chosen.harmonics]
     assert max(chosen.loss_db) == pytest.approx(losses[chosen.harmonics])
+
+
+@pytest.mark.parametrize(
+    "clock_hz, snapshots, band_hz",
+    [(1000.0, 625, 250.0), (1000.0, 250, 30.0), (1000.0, 125, 0.0), (400.0, 625, 0.0)],
+)
+def test_automatic_clutter_band_costs_a_tenth_of_a_db_at_most(clock_hz, snapshots, band_hz):
+    """Readings in a quiet room must not pay for movers that may never come."""
+    sensor = {"name": "arm", "model": "line-900mhz", "clock_hz": clock_hz}
+    chosen = plan(scene_of([sensor], phase_group={"snapshots": snapshots}))
+    assert chosen.clutter_hz == band_hz
+    still, moving = (
+        end_variances(dataclasses.replace(chosen, clutter_hz=hertz)) for hertz in (0.0, band_hz)
+    )
+    assert moving.max() <= still.max() * 10**0.01
 
 
 @pytest.mark.parametrize("snapshots", [33, 97, 110, 136, 500])

@@ -49,7 +49,7 @@ def test_propose_clocks_sixteen_tags_keep_apart_and_from_lamps(group_length, tol
     bins = 2 if group_length == 1250 else 1.5
     assert line_gap_hz(clocks, tolerance_ppm) >= bins * bin_hz(group_length)
     assert max(clocks) * 4 <= 0.9 * 0.5 / WAVEFORM.snapshot_period_s
-    assert assess_clocks(clocks, WAVEFORM, group_length, tolerance_ppm).worst_loss_db < 1.5
+    assert assess_clocks(make_plan(clocks, group_length)).worst_loss_db < 1.5
     if group_length == 1250:  # in shorter groups, sixteen have no room beside the lines of lamps
         lamps = np.concatenate([2 * hz * np.arange(200) for hz in (50.0, 60.0)])
         gaps = [np.abs(m * hz - lamps).min() for hz in clocks for m in STRONG]
@@ -73,13 +73,13 @@ def test_propose_clocks_are_readable_beside_those_taken():
     proposed = propose_clocks(2, make_plan((1000.0,)))
     assert len(proposed) == 2
     assert line_gap_hz([1000, *proposed], 100.0) >= 2 * bin_hz(625)
-    report = assess_clocks([1000, *proposed], WAVEFORM, 625)
+    report = assess_clocks(make_plan([1000, *proposed]))
     assert report.readable and report.worst_loss_db < 1.2
 
 
 def test_assess_clocks_counts_all_of_a_long_group():
     """Long groups are what separates clocks that nearly coincide."""
-    losses = [assess_clocks([1000, 1005], WAVEFORM, n).worst_loss_db for n in (1250, 2500, 5000)]
+    losses = [assess_clocks(make_plan([1000, 1005], n)).worst_loss_db for n in (1250, 2500, 5000)]
     assert losses == pytest.approx([2.14, 0.84, 0.67], abs=0.02)
 
 

@@ -72,8 +72,8 @@ class Source(NamedTuple):
     def meets(self, clocks_hz: Sequence[float], group_period_s: float) -> Array:
         """Whether lines 1, 2 or 4 of clocks (S,) coincide with its multiples, by group length."""
         mains_hz = (self.fundamental_hz / 2,)
-        nearest_hz = [lamp_distances_hz(clock_hz, mains_hz).min() for clock_hz in clocks_hz]
-        return np.array(nearest_hz) < COINCIDING_BINS / group_period_s
+        nearest_hz = lamp_distances_hz(clocks_hz, mains_hz).min(axis=1)
+        return np.asarray(nearest_hz < COINCIDING_BINS / group_period_s)
 
 
 class _Spectrum(NamedTuple):
