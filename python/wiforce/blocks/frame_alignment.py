@@ -10,14 +10,16 @@ import pmt
 from gnuradio import gr
 
 from ..errors import InputError
-from ..estimation.capture.frame import find_frame_offset, searched_samples
+from ..estimation.capture.frame import find_frame_offset, samples_needed, searched_samples
+from ..estimation.capture.recorded_frames import search_problem
 from ..estimation.groups import Array
 from ..io.capture.samples import item_type_named, samples_of
+from ..press.sensor_state import PATIENCE_S
 from ..signal.waveform import Waveform
 from . import names
 from .argument_types import Kept, typed
 from .rules import WaveformOrScene, frames_of
-from .stream_watch import SearchWatch, Timeline, time_value
+from .stream_watch import Timeline, time_value
 
 _RX_TIME = pmt.intern(names.RX_TIME)
 
@@ -29,7 +31,7 @@ class FrameSearch:
 
     The offset is that of the first of several antennas; a gap begins the search anew. ``offset``
     and ``start_time`` (whole seconds, fraction) are None until known; ``searches`` counts those
-    without a result, ``tags`` are (item, key, value) not put out yet.
+    without a result, ``items`` all samples taken; ``tags`` are (item, key, value) not put out yet.
     """
 
     def __init__(
@@ -45,7 +47,8 @@ class FrameSearch:
         self.searches = 0
         self.tags: deque[Tag] = deque()
         self._timeline = Timeline(waveform.sample_rate_hz)
-        self._items = 0  # taken
+        self.items = 0
+        self._searched: Array | None = None  # in the last search without a result
         self._held: deque[Array] = deque()
         self._held_start = self._held_count = 0
 
@@ -59,6 +62,20 @@ class FrameSearch:
         """Whether samples from the first frame on are to be put out."""
         return self.offset is not None and bool(self._held)
 
+    def problem(self) -> str:
+        """Why no frames have been found in the samples taken so far."""
+        if not self.items:
+            return "no samples were received"
+        rate_hz, ended = self._waveform.sample_rate_hz, ""
+        if self.items < self._needed:
+            ended = (
+                f"the stream has ended after {self.items / rate_hz:.3g} s; frames are searched in "
+                f"{self._needed / rate_hz:.3g} s"
+            )
+        samples = self._held_samples() if self._searched is None else self._searched
+        needed = samples_needed(self._waveform.frame_length)
+        return search_problem(samples[:needed], self._waveform, ended)
+
     def take(self, items: Array, tags: Iterable[Tag]) -> None:
         """Take up to ``wanted`` samples, complex64 (n,) or int16 (n, 2 A), and their tags."""
         gap = None
@@ -68,21 +85,21 @@ class FrameSearch:
             self.tags.append((item, key, value))
         if gap is not None:
             self._hold_from(gap)
-            items = items[gap - self._items :]
-            self._items = gap
-        self._items += len(items)
+            items = items[gap - self.items :]
+            self.items = gap
+        self.items += len(items)
         self._held.append(items.copy())
         self._held_count += len(items)
         if self._held_count < self._needed:
             return
-        held = np.concatenate(self._held)
-        samples = held if np.iscomplexobj(held) else samples_of(held[:, :2].copy())
+        samples = self._held_samples()
         found = find_frame_offset(samples, self._waveform)
         if found is None:
             self.searches += 1
+            self._searched = samples
             self._hold_from(self._held_start + self._held_count)
             return
-        self._begin(held, found)
+        self._begin(found)
 
     def put_out(self, block: Any, out: Array) -> int:
         """Copy held samples to the output of a block, with their tags; returns their number."""
@@ -105,10 +122,15 @@ class FrameSearch:
             for port in range(self._antennas):
                 block.add_item_tag(port, item - self.offset, key, value)
 
-    def _begin(self, held: Array, found: int) -> None:
+    def _held_samples(self) -> Array:
+        """Those of the first antenna as complex numbers."""
+        held = np.concatenate(self._held)
+        return held if np.iscomplexobj(held) else samples_of(held[:, :2].copy())
+
+    def _begin(self, found: int) -> None:
         """The stream begins so many samples into what is held."""
         first = self._held_start + found
-        self._held = deque([held[found:]])
+        self._held = deque([np.concatenate(self._held)[found:]])
         self.start_time = time = self._time_at(first)
         self.tags = deque(
             (max(item, first), key, value)
@@ -117,7 +139,7 @@ class FrameSearch:
         )
         if time is not None:
             self.tags.appendleft((first, _RX_TIME, time_value(*time)))
-        self.offset = first
+        self.offset, self._searched = first, None
 
     def _hold_from(self, item: int) -> None:
         """Discard the samples held, and hold those from an item on."""
@@ -215,7 +237,13 @@ class frame_alignment(Kept, gr.basic_block):
 
     def _begin(self) -> None:
         self.search = FrameSearch(self._frames, self._search_frames)
-        self._watch = SearchWatch(self._frames, self._warn, self.search.wanted)
+        self._said = False
+
+    def _explain(self) -> None:
+        """Say once why no frames are found."""
+        if not self._said:
+            self._said = True
+            self._warn(f"frame_alignment: {self.search.problem()}")
 
     def _warn(self, sentence: str) -> None:
         gr.log.warn(sentence)
@@ -241,8 +269,8 @@ class frame_alignment(Kept, gr.basic_block):
         if search.offset is None:
             items = items[: search.wanted]
             search.take(items, self._tags_of(len(items)))
-            if search.offset is None:
-                self._watch.take(items)
+            if search.offset is None and search.items >= PATIENCE_S * self._frames.sample_rate_hz:
+                self._explain()
             self.consume(0, len(items))
             return 0
         produced = search.put_out(self, out)
@@ -261,7 +289,7 @@ class frame_alignment(Kept, gr.basic_block):
 
     def stop(self) -> bool:
         if self.offset is None:
-            self._watch.end()
+            self._explain()
         return super().stop()
 
     def _tags_of(self, count: int) -> list[Tag]:

@@ -7,27 +7,22 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
 import pmt
 from gnuradio import gr
 
 from ..estimation.capture.folded_groups import SnapshotGroup
-from ..estimation.capture.frame import samples_needed
 from ..estimation.capture.recorded_frames import (
     ALL_FLAGGED,
     frame_problem,
     level_problem,
-    search_problem,
     snapshots_problem,
 )
 from ..estimation.groups import Array
 from ..estimation.room.survey import Survey
-from ..io.capture.samples import samples_of
 from ..io.readings import Reading
 from ..planning.findings import wrong_clock, wrong_clocks
 from ..planning.plan import Plan
 from ..press.sensor_state import CLIPPED, PATIENCE_S, describe_doubt, describe_silence
-from ..signal.waveform import Waveform
 from ..wiforce_kernels import timeline
 from ..wiforce_python import rx_time_value
 
@@ -79,47 +74,6 @@ class Folded(NamedTuple):
     groups: int
     rate_hz: float = 0.0
     carrier_hz: float = 0.0
-
-
-class SearchWatch:
-    """Watches ``searched`` samples in which no frames have been found, and reports once why."""
-
-    def __init__(self, waveform: Waveform, report: Callable[[str], None], searched: int) -> None:
-        self._waveform, self._report, self._searched = waveform, report, searched
-        self._kept: list[Array] = []
-        self._count, self._kept_count, self._said = 0, 0, False
-
-    def take(self, items: Array) -> None:
-        """Take samples that were searched: complex64 (n,), or int16 (n, 2)."""
-        if self._said:
-            return
-        needed = samples_needed(self._waveform.frame_length)
-        if self._kept_count < needed:
-            self._kept.append(items[: needed - self._kept_count].copy())
-            self._kept_count += len(self._kept[-1])
-        self._count += len(items)
-        if self._count >= PATIENCE_S * self._waveform.sample_rate_hz:
-            self.end()
-
-    def end(self) -> None:
-        """Say what is known, as no more samples come."""
-        if self._said:
-            return
-        self._said = True
-        if not self._count:
-            self._report("frame_alignment: no samples were received")
-            return
-        kept = np.concatenate(self._kept)
-        samples = kept if np.iscomplexobj(kept) else samples_of(kept)
-        self._kept = []
-        ended = ""
-        if self._count < self._searched:
-            rate_hz = self._waveform.sample_rate_hz
-            ended = (
-                f"the stream has ended after {self._count / rate_hz:.3g} s; frames are searched in "
-                f"{self._searched / rate_hz:.3g} s"
-            )
-        self._report(f"frame_alignment: {search_problem(samples, self._waveform, ended)}")
 
 
 class StreamWatch:
