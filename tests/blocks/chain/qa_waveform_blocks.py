@@ -67,29 +67,6 @@ def test_tones_of_any_symbol_equal_numpy(waveform, samples, in_one):
     np.testing.assert_allclose(tones, expected, atol=2e-4)
 
 
-def test_whole_spectrum_of_any_symbol_equals_numpy(waveform, samples):
-    doppler = wiforce.phase_group_doppler.spectrum(SNAPSHOTS, waveform.symbol_length)
-    spectrum = run(samples, wiforce.preamble_fold(**waveform.folding), doppler)
-    groups = folded(samples, waveform).reshape(GROUPS, SNAPSHOTS, -1)
-    expected = np.fft.fft(groups, axis=1) / SNAPSHOTS
-    np.testing.assert_allclose(spectrum.reshape(expected.shape), expected, atol=1e-5)
-
-
-def test_ratio_of_two_antennas_takes_the_symbol(waveform):
-    ratio = wiforce.antenna_ratio(waveform)
-    length = waveform.symbol_length
-    assert ratio.input_signature().sizeof_stream_item(0) == 8 * length
-    first, second = (
-        blocks.vector_source_c((a * waveform.symbol).tolist(), False, length) for a in (3j, 2)
-    )
-    flowgraph, sink = gr.top_block(), blocks.vector_sink_c(length)
-    flowgraph.connect(first, ratio, sink)
-    flowgraph.connect(second, (ratio, 1))
-    flowgraph.run()
-    channel = np.fft.fft(sink.data()) * waveform.equalizer()
-    np.testing.assert_allclose(channel[waveform.bins], 1.5j, atol=1e-5)
-
-
 def test_blocks_take_the_sounding_of_a_scene_with_a_symbol_beside_it(tmp_path):
     """Symbol, repetitions and frame length had to be stated again in every block."""
     n = np.arange(48)

@@ -9,9 +9,7 @@ import pytest
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks import names
 from gnuradio.wiforce.blocks.group_block import state_to_pmt
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.gui import Spectrum
 from press_capture import array_source
 
 # 2000 snapshots per second.
@@ -91,8 +89,3 @@ def test_phase_display_shows_changes_since_the_untouched_sensor(qt, estimator, e
         times, values = widget.series(end)
         np.testing.assert_allclose(values, wanted, atol=1e-4)
         np.testing.assert_allclose(np.diff(times), plan.group_period_s)
-
-
-def test_spectrum_without_a_rate_is_refused(qt):
-    with pytest.raises(InputError, match="snapshot_rate_hz: must be positive"):
-        Spectrum(0.0, {})

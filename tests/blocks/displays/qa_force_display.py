@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The force display, offscreen: readings must be seen, and none of them may end it."""
 
-import doctest
 import math
 import sys
 import threading
@@ -14,8 +13,7 @@ from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.gui import Trend, style, widget
 from gnuradio.wiforce.io.readings import Reading
-from PyQt5 import QtCore, QtWidgets
-from PyQt5.QtGui import QColor
+from PyQt5 import QtWidgets
 
 PRESSED = {
     "time_s": 1.0,
@@ -61,34 +59,6 @@ def picture(display, qt, *readings):
         display.refresh()
     qt.processEvents()
     return display.grab().toImage()
-
-
-def columns_of(image, color, rows):
-    """Columns in which a colour is seen within some rows, as parts of the width."""
-    wanted = color.rgb()
-    found = [x for x in range(image.width()) if any(image.pixel(x, y) == wanted for y in rows)]
-    return [x / image.width() for x in found]
-
-
-def test_display_press_is_drawn_at_location_with_length_of_force(display, qt):
-    color = QColor("#0072b2")
-    heights = []
-    for location_mm, force_n in ((20.0, 2.0), (60.0, 6.0)):
-        image = picture(
-            display, qt, PRESSED | {"location_mm": location_mm, "force_n": force_n, "time_s": 1.0}
-        )
-        (view,) = (track.view for track in display._tracks.values())
-        top = view.mapTo(display, QtCore.QPoint(0, 0)).y()
-        line = view.fontMetrics().height()
-        rows = range(top + 3 * line // 2, top + view.height())
-        columns = columns_of(image, color, rows)
-        middle = (min(columns) + max(columns)) / 2
-        margin = 22 / image.width()
-        assert middle == pytest.approx(margin + (1 - 2 * margin) * location_mm / 80, abs=0.02)
-        heights.append(
-            sum(any(image.pixel(x, y) == color.rgb() for x in range(image.width())) for y in rows)
-        )
-    assert heights[1] > 2 * heights[0]
 
 
 def test_reading_as_text_has_two_standard_deviations_units_and_flags():
@@ -159,26 +129,6 @@ def test_track_untouched_sensor_has_no_force_and_no_location():
     kept.add(Reading(1.1, "arm", flags=("gap",)))
     np.testing.assert_array_equal(kept.series("force_n")[1], [0.0, np.nan])
     np.testing.assert_array_equal(kept.series("location_mm")[1], [np.nan, np.nan])
-
-
-def drawn(display, column):
-    """(values of the line, values of the crosses, upper limit of the axis) of a history."""
-    history = display._history
-    plot = history._plots()[column]
-    line, marks = display._tracks["arm"].curves[column]
-    return line.getData()[1], marks.getData()[1], plot.viewRange()[1][1]
-
-
-def test_display_flagged_readings_are_crosses_that_do_not_stretch_the_axis(display, qt):
-    """One absurd reading must not flatten all others, nor look as reliable as they do."""
-    absurd = PRESSED | {"force_n": 40.0, "location_mm": 700.0, "flags": "weak"}
-    flagged = PRESSED | {"time_s": 1.2, "force_n": 3.0, "location_mm": 50.0, "flags": "weak"}
-    picture(display, qt, PRESSED, absurd | {"time_s": 1.1}, flagged)
-    for column, reliable, crosses in ((0, 4.0, [4.0, 3.0]), (1, 40.0, [80.0, 50.0])):
-        line, marks, limit = drawn(display, column)
-        np.testing.assert_array_equal(line, [reliable, np.nan, np.nan])
-        np.testing.assert_array_equal(marks, crosses)
-        assert max(crosses) <= limit < 1.2 * max(crosses)
 
 
 def test_display_readings_from_other_thread_faster_than_refresh_are_shown(display, qt):
@@ -291,7 +241,3 @@ def test_trend_block_shows_all_items_of_all_streams(qt):
         times, values = block.widget.series(n)
         np.testing.assert_array_equal(values, np.arange(first, first + 500.0))
         np.testing.assert_allclose(times, np.arange(500) / 1000.0)
-
-
-def test_examples_executed_give_output_shown(qt):
-    assert doctest.testmod(widget).failed == 0

@@ -6,9 +6,8 @@ import json
 import numpy as np
 import pmt
 import pytest
-from device_times import NO_TIMES, rx_time
+from device_times import rx_time
 from gnuradio import blocks, wiforce
-from gnuradio.wiforce.blocks.stream_watch import Timeline, time_value
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.frame import MARGIN, measure_levels
 from gnuradio.wiforce.io.capture import Segment, open_capture
@@ -77,12 +76,6 @@ def test_without_frames_nothing_passes_and_the_search_goes_on():
     assert len(passed) == 0 and block.offset is None and block.searches == 3
 
 
-@pytest.mark.parametrize("wrong", [{"item_type": "sc8"}, {"frame_length": 300}])
-def test_bad_parameters_are_refused(wrong):
-    with pytest.raises(InputError):
-        wiforce.frame_alignment(**wrong)
-
-
 def record(path, samples, tags, **parameters):
     source = array_source(samples, tags)
     recorder = wiforce.sigmf_recorder(path, **parameters)
@@ -138,15 +131,6 @@ def test_times_that_come_twice_or_late_mark_no_gap(tmp_path):
     assert places == [(0, 0), (18_000, 18_070)]
     _, times, block = align(samples, tags)
     assert block.start_time[1] == pytest.approx((720 - MARGIN) / RATE, abs=1e-12)
-
-
-def test_what_is_no_time_marks_no_gap():
-    for value in NO_TIMES.values():
-        times = Timeline(RATE)
-        times.note(0, time_value(1, 0.0))
-        assert times.note(3000, value) == times.lost == 0
-    whole = pmt.make_tuple(pmt.from_long(1), pmt.from_double((3000 + 70) / RATE))
-    assert times.note(3000, whole) == 70
 
 
 def test_nothing_is_overwritten(tmp_path):

@@ -219,36 +219,6 @@ def test_receiver_stream_that_hangs_in_a_packet_is_idle_and_not_behind():
     assert idle_s > 0.4 and behind_s < 0.35
 
 
-def test_receiver_device_started_again_continues_time_by_the_hosts_clock_on_whole_frames():
-    """A device clock that begins at zero again would be taken for an implausible time."""
-    receiver = sample_receiver(RATE, FRAME)
-    block = codes(10_000)
-    pause_s = 0.3
-
-    def feed():
-        for seconds, wait_s in ((55, pause_s), (0, 0)):
-            ours, theirs = socket.socketpair()
-            receiver.attach(ours)
-            theirs.sendall(packet(block, SampleTag("rx_time", 0, seconds, 0.25)))
-            theirs.sendall(packet(block, SampleTag("rx_time", 0, seconds, 0.25 + 0.015)))
-            theirs.close()
-            # The pause begins when the receiver has the samples, which may take it a while.
-            while wait_s and receiver.received < 2 * len(block):
-                time.sleep(1e-3)
-            time.sleep(wait_s)
-        receiver.finish()
-
-    items, found = received(receiver, feed)
-    assert len(items) == 4 * len(block)
-    times = {offset: pmt.to_python(value) for offset, key, value in found if key == "rx_time"}
-    timeline = Timeline(RATE)
-    lost = [timeline.note(offset, time_value(*times[offset])) for offset in sorted(times)]
-    assert lost[0] == 0 and lost[1] == lost[3] == 5000  # a gap that the device reported
-    assert pause_s * RATE <= lost[2] < (pause_s + 1.0) * RATE
-    resumed = 2 * len(block) + lost[1] + lost[2]
-    assert resumed % FRAME == 0
-
-
 @pytest.mark.parametrize("start_s", [0, 9, 10, 5000])
 def test_resumed_time_continues_whatever_the_next_clock_shows(start_s):
     """A device that has run for longer than the first one would shift all later times."""

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Devices and options that a live reader refuses, in one line each."""
 
-import json
 import socket
+from types import SimpleNamespace
 
 import pytest
 from command_runs import refused
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.network.device_lock import DeviceLock
 from gnuradio.wiforce.scene import load_scene
-from live_runs import command, run_session, scene_of
+from live_runs import command, scene_of
 from long_cases import cases
+from wiforce_app.radio import link
 from wiforce_app.radio.radio import open_radio
 from wiforce_app.radio.request import RadioRequest
 
@@ -55,13 +55,13 @@ def test_live_outputs_that_cannot_be_opened_keep_what_is_there(tmp_path):
     assert all(path.read_text() == "precious" for path in kept)
 
 
-def test_live_device_in_use_is_refused_and_keeps_the_file(tmp_path):
+def test_process_of_a_radio_opens_no_device_that_another_one_uses(monkeypatch):
     """Two runs would lose the device to each other, with wrong readings in between."""
-    output = tmp_path / "out.csv"
-    output.write_text("precious")
-    lock = DeviceLock("addr=127.0.0.254")
-    options = ["--scene", "demo", "--args", "addr=127.0.0.254", "--reconnect", "-o", str(output)]
-    (status,), said = run_session("refused", json.dumps(options))
-    lock.release()
-    assert status == 2 and "--args: must name a device that is free" in said
-    assert output.read_text() == "precious"
+
+    def lock(args):
+        raise InputError("--args", "must name a device that is free", args)
+
+    monkeypatch.setattr(link, "DeviceLock", lock)
+    asked = SimpleNamespace(recv=lambda: RadioRequest.of_scene(load_scene("demo"), "addr=1"))
+    with pytest.raises(InputError, match="a device that is free, got 'addr=1'"):
+        link._serve(asked, None)

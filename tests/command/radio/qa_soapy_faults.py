@@ -76,11 +76,6 @@ def scene(tmp_path):
     return scene_file(tmp_path, [], 400, 0.3, **SLOW | {"radio": radio})
 
 
-def start(scene, fault, *options):
-    words = ["--scene", scene, "--driver", "soapy", "--args", f"driver=player,{fault}", *options]
-    return list(map(str, words))
-
-
 def test_soapy_driver_that_refuses_a_setting_is_refused_by_the_name_of_the_setting(scene):
     """A driver's exception gave a traceback, or a device that is present counted as lost."""
     cases = [
@@ -106,14 +101,6 @@ def test_start_of_a_driver_that_hangs_ends_in_bounded_time(stopped):
     reason = "stopped before" if stopped else "has not started to stream within 0.3 s"
     assert done.stderr.startswith("--args: must name a device that can stream (")
     assert reason in done.stderr and done.stderr.endswith("got 'driver=x'")
-
-
-def test_live_refused_setting_is_final_with_reconnect(scene):
-    """Waiting for a device that is present would never end."""
-    options = start(scene, "throws=frequency", "--reconnect", "--duration", 0.3)
-    (status,), said = run_session("refused", json.dumps(options))
-    assert status == 2 and said.count("\n") == 1
-    assert "(frequency failed), got 900000000" in said and "kept" not in said
 
 
 @pytest.mark.parametrize("readings", [0, 3])

@@ -92,11 +92,6 @@ def test_list_shows_shipped_names_with_a_description():
         (["simulate", "none.yaml", "x"], "none.yaml: cannot be read"),
         (["simulate", "no\nne.yaml", "x"], "no ne.yaml: cannot be read"),
         (["emulate", "--air", "cable", "--speed", "nan"], "--speed: must be positive and finite"),
-        (["emulate", "demo", "--air", "cable"], "SCENE: has no use with --air cable, got 'demo'"),
-        (
-            ["emulate", "demo", "--fault", "1 off leg"],
-            "--fault: sensor: must be one of the scene's",
-        ),
         (["live", "--scene", "demo", "--args", "x", "--zmq", "\u00b2"], "--zmq: must be a port"),
         (
             ["live", "--scene", "demo", "--args", "x", "--control", "tcp://0.0.0.0:5556"],
