@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Makes the shipped sensors: build/run python3 gr-wiforce/sensors/make_sensors.py [FOLDER]"""
+"""Makes the calibrated sensors: build/run python3 gr-wiforce/sensors/make_sensors.py [FOLDER]
+
+Sensors by their physics, which these are calibrations of, are files written by hand.
+"""
 
 import sys
 from dataclasses import replace
@@ -9,8 +12,7 @@ from pathlib import Path
 import numpy as np
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.tables import measure_vna, read_vna_csv
-from gnuradio.wiforce.sensor import LineModel, write_sensor
-from gnuradio.wiforce.sensor.line import ContactLaw
+from gnuradio.wiforce.sensor import load_sensor, write_sensor
 
 HERE = Path(__file__).resolve().parent
 PUBLISHED = HERE.parent / "data" / "paper" / "vna.csv"
@@ -20,109 +22,48 @@ UNLICENSED_MHZ = {915: 900, 2440: 2400}
 DATE = "2026-11-21"
 # Just under the least published force.
 ONSET_FORCE_N = 0.9
-CONTACT = ContactLaw(decay_length_mm=3.95, asymmetry=0.68, fade_mm=7.0)
-
 FORCES_N = np.arange(0.5, 8.1, 0.25)
-FINGER_WIDTH_MM = 18.0
-STAMP_WIDTH_MM = 16.0
-STIFF_MM = 0.02
+# The stamp that a fingertip's sensor is calibrated with is a little narrower than a finger. What
+# touches a line at ONSET_FORCE_N at a point bends it by less when it is as wide.
+STAMP_WIDTH_MM, STAMP_ONSET_N = 16.0, 1.723
 
 
-def line(mhz):
-    """The physical line, pressed in simulations."""
-    return LineModel(
-        name=f"line-{mhz}mhz",
-        length_mm=80.0,
-        frequencies_hz=(mhz * 1e6,),
-        onset_force_n=ONSET_FORCE_N,
-        force_span_n=(ONSET_FORCE_N, 10.0),
-        location_span_mm=(15.0, 65.0),
-        permittivity=1.0,
-        port_offset_deg=(0.0, 0.0),
-        contact=CONTACT,
-        provenance={
-            "source": "physics: a soft beam on an elastic foundation over a line in air "
-            "(python/wiforce/sensor/line.py)",
-            "date": DATE,
-            "assumed": [
-                "over 2-8 N the short moves 4.8 mm on the near end and 1.0 mm on the far end, and "
-                "2.9 mm in the middle: not a fit (docs/sensors.md, what is measured)",
-                "how sharply the ends change over in the middle is not published",
-            ],
-        },
-    )
+def calibrated(name, model, source, seed):
+    """A model of what is known by its physics, from a simulated VNA with noise."""
+    table = measure_vna(model, (20, 30, 40, 50, 60), FORCES_N, noise_deg=0.2, seed=seed)
+    return calibrate(table, f"{name}-calibrated", source=f"a VNA's sweep of {source}", date=DATE)
 
 
 def line_calibrated(mhz):
-    """A model of the physical line, from a simulated VNA with noise."""
-    table = measure_vna(line(mhz), (20, 30, 40, 50, 60), FORCES_N, noise_deg=0.2, seed=mhz)
-    return calibrate(
-        table,
-        f"line-{mhz}mhz-calibrated",
-        source=f"a VNA's sweep of line-{mhz}mhz, simulated: 0.5 to 8 N at 20, 30, 40, 50 and 60 mm "
-        f"with 0.2 deg of noise (measure_vna, seed {mhz})",
-        date=DATE,
+    """A model of the physical line."""
+    name = f"line-{mhz}mhz"
+    source = (
+        f"{name}, simulated: 0.5 to 8 N at 20, 30, 40, 50 and 60 mm with 0.2 deg of noise "
+        f"(measure_vna, seed {mhz})"
     )
-
-
-def pressed_widely(name, mhz, width_mm):
-    """The line under something wide: the same beam, loaded evenly over its width."""
-    half = width_mm / 2 / CONTACT.decay_length_mm
-    # What touches the line at ONSET_FORCE_N at a point bends it by less when it is spread.
-    deflection = (1 - np.exp(-half) * np.cos(half)) / half
-    onset = round(ONSET_FORCE_N / deflection, 3)
-    return replace(
-        line(mhz),
-        name=name,
-        onset_force_n=onset,
-        force_span_n=(onset, 10.0),
-        contact=replace(CONTACT, width_mm=width_mm),
-        provenance={
-            "source": f"physics: line-{mhz}mhz pressed evenly over {width_mm:g} mm",
-            "date": DATE,
-            "assumed": ["the contact is as wide at all forces"],
-        },
-    )
+    return calibrated(name, load_sensor(name), source, mhz)
 
 
 def calibrated_stamp(mhz):
-    """A calibration for fingertips, made with a flat stamp a little narrower than a finger."""
-    stamp, seed = pressed_widely("stamp", mhz, STAMP_WIDTH_MM), mhz + 2
-    table = measure_vna(stamp, (20, 30, 40, 50, 60), FORCES_N, noise_deg=0.2, seed=seed)
-    return calibrate(
-        table,
-        f"fingertip-{mhz}mhz-calibrated",
-        source=f"a VNA's sweep of line-{mhz}mhz pressed with a stamp {STAMP_WIDTH_MM:g} mm wide, "
-        f"simulated as that of line-{mhz}mhz (seed {seed})",
-        date=DATE,
+    """A calibration for fingertips."""
+    name, seed = f"fingertip-{mhz}mhz", mhz + 2
+    finger = load_sensor(name)
+    contact = replace(finger.contact, width_mm=STAMP_WIDTH_MM)
+    stamp = replace(
+        finger, contact=contact, onset_force_n=STAMP_ONSET_N, force_span_n=(STAMP_ONSET_N, 10.0)
     )
-
-
-def plain_trace():
-    """A line without the soft beam: what presses it shorts it in one place, however hard."""
-    contact = replace(CONTACT, decay_length_mm=STIFF_MM)
-    return replace(
-        line(900),
-        name="plain-trace-900mhz",
-        contact=contact,
-        provenance={
-            "source": "physics: a bare trace over ground, shorted where it is pressed; the short "
-            "hardly widens with force",
-            "date": DATE,
-            "assumed": [f"the short widens by {STIFF_MM * np.pi:.2f} mm at most"],
-        },
+    source = (
+        f"line-{mhz}mhz pressed with a stamp {STAMP_WIDTH_MM:g} mm wide, simulated as that of "
+        f"line-{mhz}mhz (seed {seed})"
     )
+    return calibrated(name, stamp, source, seed)
 
 
 def calibrated_plain_trace():
     """What a calibration makes of the plain trace: curves that are flat against force."""
-    table = measure_vna(plain_trace(), (20, 30, 40, 50, 60), FORCES_N, noise_deg=0.2, seed=901)
-    return calibrate(
-        table,
-        "plain-trace-900mhz-calibrated",
-        source="a VNA's sweep of plain-trace-900mhz, simulated as that of line-900mhz (seed 901)",
-        date=DATE,
-    )
+    name = "plain-trace-900mhz"
+    source = f"{name}, simulated as that of line-900mhz (seed 901)"
+    return calibrated(name, load_sensor(name), source, 901)
 
 
 @cache
@@ -144,20 +85,15 @@ def published(kind, mhz):
 
 
 def all_sensors():
-    """Every shipped sensor."""
+    """Every calibrated sensor that is shipped."""
     for mhz in FREQUENCIES_MHZ:
-        yield line(mhz)
         yield line_calibrated(mhz)
         yield published("paper", mhz)
         yield published("wiforce", mhz)
+        yield calibrated_stamp(mhz)
     for mhz, published_mhz in UNLICENSED_MHZ.items():
-        yield line(mhz)
         yield line_calibrated(mhz)
         yield published("wiforce", published_mhz).transferred(mhz * 1e6, f"wiforce-{mhz}mhz")
-    for mhz in FREQUENCIES_MHZ:
-        yield pressed_widely(f"fingertip-{mhz}mhz", mhz, FINGER_WIDTH_MM)
-        yield calibrated_stamp(mhz)
-    yield plain_trace()
     yield calibrated_plain_trace()
 
 
