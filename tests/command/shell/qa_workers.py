@@ -18,7 +18,9 @@ from wiforce_app.shell.workers import WorkerLost, run_tasks
 
 
 def square_or_fail(number):
-    """A task: its square, or an error for odd numbers."""
+    """A task: its square, an error for odd numbers, and one that cannot be sent for 5."""
+    if number == 5:
+        raise _Unpicklable(1, 2)
     if number % 2:
         raise InputError("number", "must be even", number)
     return number**2, os.getpid()
@@ -51,11 +53,6 @@ class _Unpicklable(Exception):
         super().__init__(f"{one} {two}")
 
 
-def fail_oddly(_):
-    """A task whose error cannot be sent to another process."""
-    raise _Unpicklable(1, 2)
-
-
 def test_run_tasks_returns_each_result_and_error_once():
     outcomes = {outcome.index: outcome for outcome in run_tasks(square_or_fail, range(6), 2)}
     assert sorted(outcomes) == list(range(6))
@@ -63,6 +60,8 @@ def test_run_tasks_returns_each_result_and_error_once():
     assert os.getpid() not in {outcomes[i].get()[1] for i in (0, 2, 4)}
     with pytest.raises(InputError, match="number: must be even, got 3"):
         outcomes[3].get()
+    with pytest.raises(RuntimeError, match="_Unpicklable: 1 2"):
+        outcomes[5].get()
 
 
 def test_run_tasks_repeats_task_whose_process_was_killed(tmp_path):
@@ -74,12 +73,6 @@ def test_run_tasks_gives_up_task_that_always_kills_its_process():
     """One poisonous capture must neither stop the others nor be tried for ever."""
     (outcome,) = run_tasks(end_process, [0], 1)
     with pytest.raises(WorkerLost, match="ended 3 times"):
-        outcome.get()
-
-
-def test_run_tasks_with_error_that_cannot_be_pickled_keeps_its_text():
-    (outcome,) = run_tasks(fail_oddly, [0], 1)
-    with pytest.raises(RuntimeError, match="_Unpicklable: 1 2"):
         outcome.get()
 
 
