@@ -8,7 +8,7 @@ import click
 from gnuradio.wiforce.estimation.capture.frame import MARGIN, describe_frames, measure_levels
 from gnuradio.wiforce.io.capture.samples import samples_of
 from gnuradio.wiforce.planning.advice import licence_note, outside_band
-from gnuradio.wiforce.planning.findings import measure_tag, wrong_clocks
+from gnuradio.wiforce.planning.findings import measure_tags, wrong_clocks
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import Scene
@@ -137,11 +137,10 @@ def _measure(findings, scene, session, samples):
     findings.samples_lost = session.fold.samples_lost()
     findings.frames_moved = session.fold.frames_moved()
     findings.times_ignored = session.fold.times_ignored()
-    groups = session.latest
-    for index, sensor in enumerate(scene.sensors):
-        findings.sensors.append(measure_tag(sensor.name, index, groups))
+    settings = plan(scene)
+    findings.sensors = measure_tags(settings, session.latest)
     findings.room = session.reader.findings or []
-    findings.wrong_clocks = wrong_clocks(session.reader.stream.survey, plan(scene))
+    findings.wrong_clocks = wrong_clocks(session.reader.stream.survey, settings)
 
 
 def advice_on(findings: Findings, scene: Scene) -> list[str]:

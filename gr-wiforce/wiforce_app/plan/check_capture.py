@@ -14,7 +14,7 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.names import second_antenna
 from gnuradio.wiforce.io.capture.samples import CLIPPED, likely_datatype
-from gnuradio.wiforce.planning.findings import measure_tag, other_clocks, wrong_clocks
+from gnuradio.wiforce.planning.findings import measure_tags, other_clocks, wrong_clocks
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
@@ -173,9 +173,9 @@ def _tags(capture, scene):
     except InputError as error:
         return [], ([], {}), [f"tags were not looked for: {error}"]
     seen = groups[0] if groups else Groups(np.zeros(0, np.int64))
-    tags = [measure_tag(sensor.name, i, seen) for i, sensor in enumerate(scene.sensors)]
-    wrong = wrong_clocks(reader.survey, reader.plan)
-    return tags, ([clock.clock_hz for clock in reader.plan.others], wrong), []
+    others_hz = [clock.clock_hz for clock in reader.plan.others]
+    clocks = others_hz, wrong_clocks(reader.survey, reader.plan)
+    return measure_tags(reader.plan, seen), clocks, []
 
 
 def _file(capture, rate_hz=None):

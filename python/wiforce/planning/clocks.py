@@ -16,7 +16,6 @@ from ..signal.lines import (
     CLUTTER_MARGIN,
     HIGHEST_LINE,
     NYQUIST_MARGIN,
-    STRONG_LINES,
     lamp_distances_hz,
 )
 from ..signal.switching import harmonics
@@ -150,7 +149,6 @@ def propose_clocks(
     tolerance_ppm: float = 100.0,
     mains_hz: Sequence[float] = (50.0, 60.0),
     near_hz: Sequence[float] = (),
-    avoid_hz: Sequence[float] = (),
 ) -> list[float]:
     """Clocks for ``count`` more tags beside those of a plan, chosen one after the other.
 
@@ -159,7 +157,7 @@ def propose_clocks(
     the result). At the worst errors lines 1, 2 and 4 of tags are two bins apart, 1.5 or one where
     nothing else fits; an InputError says how many do.
     """
-    search = _Search(settings, tolerance_ppm, mains_hz, near_hz, avoid_hz)
+    search = _Search(settings, tolerance_ppm, mains_hz, near_hz)
     found = search.best(count)
     if found is None:
         fitting = bisect_left(range(1, count), True, key=lambda n: search.best(n) is None)
@@ -241,13 +239,10 @@ class _Search:
         tolerance_ppm: float,
         mains_hz: Sequence[float],
         near_hz: Sequence[float] = (),
-        avoid_hz: Sequence[float] = (),
     ) -> None:
         self._settings, self._tolerance_ppm, self._near_hz = settings, tolerance_ppm, near_hz
         self.bin_hz = 1 / (settings.group_length * settings.waveform.snapshot_period_s)
         found = _candidates(settings, self.bin_hz, tolerance_ppm, near_hz)
-        apart_hz = np.multiply.outer(found, STRONG_LINES)[..., None] - np.asarray(avoid_hz)
-        found = found[np.abs(apart_hz).min(axis=(1, 2), initial=np.inf) >= self.bin_hz]
         self._grid, self._clocks = found, np.r_[found, settings.clocks_hz]
         self._distances_hz = line_distances_hz(found[:, None], self._clocks, tolerance_ppm)
         self._lamps_hz = lamp_distances_hz(found, mains_hz).min(axis=1)

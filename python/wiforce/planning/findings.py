@@ -10,35 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
 from ..estimation.capture.recorded_frames import SAMPLE_RATE_RATIOS
 from ..estimation.groups import Groups
 from ..estimation.room.clock_lines import clock_beyond
-from ..estimation.room.sources import SLOWEST_TAG_HZ, RoomLine, Source
+from ..estimation.room.sources import SLOWEST_TAG_HZ, Source
 from ..estimation.room.survey import Survey
 from ..scene.schema import LOOSEST_CLOCK_PPM
 from ..signal.lines import COINCIDING_BINS, STRONG_LINES, aliased_hz
 from .adaptation import NEGLIGIBLE, added_noise
+from .clocks import line_numbers
 from .plan import Plan
 
 # Lines are where they are expected within this distance.
 _APART_HZ = 1.5
-
-
-def other_clock_hz(plan: Plan, tag: int, lines: Sequence[RoomLine]) -> float | None:
-    """The best clock in Hz for a tag, a bin or more from lines of the room; None without."""
-    from .clocks import propose_clocks  # for rooms that need another one only
-
-    own, others = plan.clocks[tag], (*plan.clocks[:tag], *plan.clocks[tag + 1 :])
-    avoid_hz = [line.frequency_hz for line in lines if line.power * plan.group_length > 1]
-    avoid_hz += [line * own.clock_hz for line in STRONG_LINES]
-    mains_hz = plan.require_scene().environment.possible_mains_hz
-    beside = replace(plan, clocks=others)
-    try:
-        (clock_hz,) = propose_clocks(1, beside, own.planned_ppm, mains_hz, [own.clock_hz], avoid_hz)
-    except InputError:
-        return None
-    return clock_hz
 
 
 def other_clocks(clocks_hz: Sequence[float]) -> str:
@@ -216,23 +200,20 @@ class _Report:
 
     def sources(self) -> Iterator[Finding]:
         """Lamps, tags and single lines."""
-        sources = [
-            source
-            for source in self._survey.sources
-            if source.kind != "line"
-            or source.fundamental_hz > self._moving_hz
-            or self._is_hum(source.fundamental_hz)
-        ]
         single = 0
-        for source in sources:
-            single += source.kind == "line"
+        for source in self._survey.sources:
+            hertz = source.fundamental_hz
+            if source.kind == "line":
+                if hertz <= self._moving_hz and not self._is_hum(hertz):
+                    continue
+                single += 1
             if source.kind != "line" or single <= _MOST_LINES:
-                yield self._finding(source, sources)
+                yield self._finding(source)
 
-    def _finding(self, source: Source, others: Sequence[Source]) -> Finding:
+    def _finding(self, source: Source) -> Finding:
         handling, matters = self._handling(source)
         if matters and not self._is_solved(source):
-            handling += self._clashes(source, others)
+            handling += self._clashes(source)
         hertz, hum = source.fundamental_hz, "probably hum of a power supply"
         meaning = {
             "lamps": f"light that flickers at multiples of {hertz:g} Hz",
@@ -264,37 +245,22 @@ class _Report:
             return "treated as noise, which the weights suppress", True
         return f"not suppressed; {_ENTERS}", True
 
-    def _clashes(self, source: Source, others: Sequence[Source]) -> str:
+    def _clashes(self, source: Source) -> str:
         """Strong lines of the scene's tags that coincide with those of a source, in words."""
-        plan, texts = self._plan, ""
-        reach_hz = COINCIDING_BINS / plan.group_period_s
-        visible = np.array(
-            [
-                line.frequency_hz
-                for line in (*source.lines, *source.masked)
-                if line.power * plan.group_length > 1
-            ]
-        )
-        every = [line for each in (source, *others) for line in (*each.lines, *each.masked)]
-        for tag, clock in enumerate(plan.clocks):
-            near = [
-                m
-                for m in STRONG_LINES
-                if np.any(np.abs(visible - self._seen_hz(m * clock.clock_hz)) < reach_hz)
-            ]
-            if not near:
-                continue
-            from .clocks import line_numbers
-
-            lines = f"{line_numbers(near)} of '{_names(plan)[tag]}'"
-            texts += f"; coincides with {lines}: readings are uncertain"
-            better_hz = other_clock_hz(self._adapted, tag, every)
-            if better_hz is not None:
-                texts += f"; choose another clock, for example {better_hz:g} Hz"
+        plan, rate_hz = self._plan, 1 / self._survey.snapshot_period_s
+        lines = [*source.lines, *source.masked]
+        lines_hz = [line.frequency_hz for line in lines if line.power * plan.group_length > 1]
+        texts = ""
+        for name, clock_hz in zip(_names(plan), plan.clocks_hz, strict=True):
+            own_hz = [abs(aliased_hz(m * clock_hz, rate_hz)) for m in STRONG_LINES]
+            apart_hz = np.abs(np.subtract.outer(own_hz, lines_hz)).min(axis=1, initial=np.inf)
+            near = np.array(STRONG_LINES)[apart_hz < COINCIDING_BINS / plan.group_period_s]
+            if len(near):
+                texts += (
+                    f"; coincides with {line_numbers(near.tolist())} of '{name}': readings are "
+                )
+                texts += "uncertain; choose another clock (`plan --clocks`)"
         return texts
-
-    def _seen_hz(self, hertz: float) -> float:
-        return abs(aliased_hz(hertz, 1 / self._survey.snapshot_period_s))
 
 
 def findings_text(found: Sequence[Finding]) -> list[str]:
@@ -345,8 +311,12 @@ class MeasuredTag:
         return text
 
 
-def measure_tag(name: str, index: int, groups: Groups) -> MeasuredTag:
-    """Medians over the groups in which the clock of tag ``index`` was locked."""
+def measure_tags(plan: Plan, groups: Groups) -> list[MeasuredTag]:
+    """Medians of each tag over the groups in which its clock was locked."""
+    return [_measure_tag(name, index, groups) for index, name in enumerate(_names(plan))]
+
+
+def _measure_tag(name: str, index: int, groups: Groups) -> MeasuredTag:
     if not len(groups) or not groups.locked[:, index].any():
         return MeasuredTag(name)
     locked = groups[groups.locked[:, index]]

@@ -26,7 +26,7 @@ from ..planning.findings import (
     findings,
     findings_text,
     level_reference,
-    measure_tag,
+    measure_tags,
 )
 from ..planning.plan import Plan
 from ..planning.plan import plan as plan_of
@@ -363,13 +363,12 @@ def survey_room(recording: Capture, settings: Plan) -> RoomSurvey:
         raise InputError(recording.path, rule)
     next(iter(reader))
     groups = batches[0] if batches else Groups(np.zeros(0, np.int64))
-    names = settings.require_scene().sensor_names
     return RoomSurvey(
         reader.survey,
         settings,
         reader.plan,
         findings(reader.survey, settings, reader.plan),
-        [measure_tag(name, index, groups) for index, name in enumerate(names)],
+        measure_tags(settings, groups),
     )
 
 

@@ -9,7 +9,8 @@ import pytest
 import yaml
 from command_runs import refused, run_command, succeeded
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.planning.findings import measure_tag
+from gnuradio.wiforce.planning.findings import measure_tags
+from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from wiforce_app.plan.check import Findings, advice_on
@@ -73,7 +74,7 @@ def test_tag_lost_in_noise_is_unknown_in_json_and_text():
     groups.clock_offset_ppm = np.full((3, 1), 12.0)
     groups.snr_db = np.tile([np.nan, 4.71], (3, 1))
     groups.phase_std_deg = np.tile([np.inf, 0.41], (3, 1))
-    sensor = measure_tag("arm", 0, groups)
+    (sensor,) = measure_tags(plan(load_scene(SCENE)), groups)
     assert (sensor.snr_db, sensor.phase_error_deg) == ([None, 4.71], [None, 0.41])
     assert "SNR unknown and 4.7 dB" in str(sensor)
     found = Findings("a device", {}, {"peak_dbfs": -6.0, "clipped": 0.0, "dc_dbfs": -90.0})
