@@ -87,7 +87,7 @@ class SnapshotChain:
     def __init__(self, plan):
         self.table = plan.table
         estimator = estimator_named(plan.estimator)
-        self.separator = estimator.separation(
+        self.separator = estimator.separator(
             plan.table, plan.clocks, plan.waveform, False, plan.others
         )
         self.difference = estimator.difference(

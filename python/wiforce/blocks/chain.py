@@ -193,7 +193,7 @@ class end_separation(GroupBlock):
         plan.check_clocks()
         self._bins, self._width = plan.waveform.bins, plan.waveform.symbol_length
         self._compression = plan.compression
-        self.stage = estimator_named(plan.estimator).separation(
+        self.stage = estimator_named(plan.estimator).separator(
             plan.table, plan.clocks, plan.waveform, derotated, plan.others
         )
         outputs = 2 * len(plan.clocks) * self._width

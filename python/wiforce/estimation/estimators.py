@@ -47,6 +47,7 @@ class LineSeparator:
         clocks: Sequence[TagClock],
         waveform: Waveform,
         derotated: bool = True,
+        others: Sequence[TagClock] = (),
         squared: bool = False,
     ) -> None:
         self._table, self._squared = table, squared
@@ -151,7 +152,7 @@ class LineSeparator:
 class Estimator(NamedTuple):
     """How the ends' phases are estimated."""
 
-    # Makes the stage from tones to the ends' channels.
+    # Makes the stage from tones to the ends' channels; only the first one knows ``others``.
     separator: Callable[..., EndSeparator | LineSeparator]
     # Tones are plain Fourier sums over the group instead of the scene's weights.
     rectangular: bool = False
@@ -160,26 +161,13 @@ class Estimator(NamedTuple):
     # of the change.
     ratios: str = "change"
 
-    def separation(
-        self,
-        table: ToneTable,
-        clocks: Sequence[TagClock],
-        waveform: Waveform,
-        derotated: bool,
-        others: Sequence[TagClock] = (),
-    ) -> EndSeparator | LineSeparator:
-        """Make the stage that separates the ends; only :class:`.EndSeparator` knows ``others``."""
-        more = {"others": others} if others else {}
-        return self.separator(table, clocks, waveform, derotated, **more)
-
     def difference(
         self, tags: int, reference_groups: int, waveform: Waveform
     ) -> ConjugateDifference:
         """Make the stage that compares the ends of S tags with their reference."""
         # The channels of packets are ratios of antennas, which no few delays describe.
-        if isinstance(waveform, PacketWaveform):
-            return ConjugateDifference(2 * tags, reference_groups, self.against)
-        linear = self.against == "untouched" and self.ratios == "change"
+        packets = isinstance(waveform, PacketWaveform)
+        linear = self.against == "untouched" and self.ratios == "change" and not packets
         return ConjugateDifference(
             2 * tags, reference_groups, self.against, waveform if linear else None
         )

@@ -101,7 +101,7 @@ class Receiver:
         plan.check_clocks()
         self.plan = plan
         estimator = estimator_named(plan.estimator)
-        self.separation = estimator.separation(
+        self.separation = estimator.separator(
             plan.table, plan.clocks, plan.waveform, derotated, plan.others
         )
         self.reference = estimator.difference(

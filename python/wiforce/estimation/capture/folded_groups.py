@@ -76,33 +76,21 @@ class Slips:
                 self._misplaced.append(frames)
                 self._ends.append(frames[1])
 
-    def elsewhere(self, group: Array) -> Array:
-        """Which groups (n,) hold frames that may lie elsewhere; none of a later call is earlier."""
-        found = np.zeros(len(group), bool)
-        if len(group):
-            begin = int(group.min()) * self._length
-            self._misplaced = [frames for frames in self._misplaced if frames[1] > begin]
-        for first, end in self._misplaced:
-            found |= (group >= first // self._length) & (group * self._length < end)
-        return found
+    def elsewhere(self, group: int) -> bool:
+        """Whether a group holds frames that may lie elsewhere; none of a later call is earlier."""
+        begin, end = group * self._length, (group + 1) * self._length
+        self._misplaced = [frames for frames in self._misplaced if frames[1] > begin]
+        return any(first < end for first, _ in self._misplaced)
 
-    def behind(self, group: Array) -> Array:
-        """Which of the groups (n,) that are read next are the first ones behind a slip."""
-        found = np.zeros(len(group), bool)
-        for end in self._ends.copy():
-            later = group * self._length >= end
-            if later.any():
-                found[np.argmax(later)] = True
-                self._ends.remove(end)
-        return found
-
-    def mark(self, group: int, retuned: bool) -> tuple[bool, bool] | None:
+    def mark(self, group: int, retuned: bool = False) -> tuple[bool, bool] | None:
         """Whether the next group follows a slip, and a retuned device; None where left out."""
         self._retuned |= retuned
-        if self._misplaced and self.elsewhere(np.array([group]))[0]:
+        if self.elsewhere(group):
             return None
         retuned, self._retuned = self._retuned, False
-        return bool(self._ends) and bool(self.behind(np.array([group]))[0]), retuned
+        later = [end for end in self._ends if end > group * self._length]
+        slipped, self._ends = len(later) < len(self._ends), later
+        return slipped, retuned
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +235,8 @@ def first_frames(
         snapshots, folded = found["snapshot"], found["folded"]
     for kernel in kernels:
         slips.add(kernel.misplaced())
-    kept = ~slips.elsewhere(snapshots // group_length)
+    groups = (snapshots // group_length).tolist()
+    kept = np.array([not slips.elsewhere(group) for group in groups], bool)
     kept[count - slips.unsure * group_length :] = False
     return snapshots[kept], folded[kept]
 
@@ -317,9 +306,11 @@ class _Recorded:
             newest = groups.index.max(initial=0) - self._slips.unsure * (not ended)
             sure = int(groups.index.searchsorted(newest, "right"))
             groups, self._held = groups[:sure], groups[sure:]
-            if (elsewhere := self._slips.elsewhere(groups.index)).any():
-                groups = groups[~elsewhere]
-        groups.slipped |= self._slips.behind(groups.index)
+            marks = [self._slips.mark(group) for group in groups.index.tolist()]
+            kept = {row: mark[0] for row, mark in enumerate(marks) if mark is not None}
+            if len(kept) < len(marks):
+                groups = groups[np.array(list(kept), int)]
+            groups.slipped |= np.array(list(kept.values()), bool)
         return groups
 
 
