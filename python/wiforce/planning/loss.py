@@ -13,7 +13,7 @@ from ..estimation.estimators import estimator_named
 from ..scene import Scene
 from ..signal.lines import CLUTTER_MARGIN, Tone, centered_times_s, clutter_basis, tag_lines
 from ..signal.switching import switch_averages
-from ..signal.timed_weights import clutter_at, timed_lines
+from ..signal.weights import clutter_at, timed_lines
 
 if TYPE_CHECKING:
     from .plan import Plan

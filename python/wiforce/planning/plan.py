@@ -17,9 +17,8 @@ from ..scene import Scene, load_scene
 from ..scene.surface import skin_of
 from ..sensor import SensorModel
 from ..signal.lines import RoomNoise
-from ..signal.timed_weights import timed_table
 from ..signal.waveform import Waveform
-from ..signal.weights import ToneTable, design_weights
+from ..signal.weights import ToneTable, design_weights, timed_table
 from ..surface.skin import Skin
 from .loss import clutter_band_hz, losses_db, typical_times_s
 

@@ -9,10 +9,10 @@ from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
 from gnuradio.wiforce.estimation.ends.separation import EndSeparator
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.packets.packet_channels import undivided
-from gnuradio.wiforce.estimation.packets.packet_groups import PacketGroups
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
-from gnuradio.wiforce.signal.timed_weights import timed_table
+from gnuradio.wiforce.receiver.snapshot_recording import PacketGroups
 from gnuradio.wiforce.signal.waveform import packet_waveform
+from gnuradio.wiforce.signal.weights import timed_table
 from long_cases import cases
 from packet_simulator import closed
 

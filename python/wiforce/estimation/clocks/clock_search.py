@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...signal.switching import DUTY, duty_slopes
-from ...signal.timed_weights import TimedTable
+from ...signal.weights import TimedTable
 from ...wiforce_kernels import (
     OUTLIER_RATIO,
     noise_estimate,
@@ -24,7 +24,7 @@ from ...wiforce_kernels import (
 )
 from ..ends.least_squares import ToneModel
 from ..groups import Array, GroupFit, GroupTones, GroupWeights, power_of, without_loud
-from .likelihood import DELAY_EVIDENCE, OVERLAP, acquire, complete_likelihood
+from .likelihood import DELAY_EVIDENCE, OVERLAP, acquire
 from .tracked_tag import ClockPath, TrackedTag, likelihood_bias
 
 # Gauss-Newton steps: the model is almost linear in these numbers.
@@ -148,6 +148,45 @@ def _coherent(fit: GroupFit, row: int, ends: slice, weights: Array) -> float:
     subcarriers, columns = basis.shape
     across = float(power_of(residual).sum()) - along
     return along - across * columns / max(subcarriers - columns, 1)
+
+
+# Phases at which the complete model is evaluated, 0.35 deg apart: edges of switches lie at every
+# degree for the 80 packets of a group, and eight groups share a clock.
+_EVERY_PHASE = 1024
+
+
+def _complete_likelihood(
+    tag: TrackedTag, groups: GroupTones, fit: GroupFit, inverse_noise: Array
+) -> Array:
+    """Coefficients (G, D + 1) of J(theta) of groups with times of their own, beside other tags.
+
+    It changes in steps where switches open or close, so that it is evaluated at all phases.
+    """
+    clocks = np.empty((_EVERY_PHASE, 1, 3))
+    clocks[:, 0, 0] = 2 * np.pi * np.arange(_EVERY_PHASE) / _EVERY_PHASE
+    clocks[:, 0, 1:] = tag.rate, tag.rate * tag.averaging_s / 2
+    found = np.empty((len(groups), _EVERY_PHASE))
+    for row, weights in enumerate(groups.weights):
+        switched = weights.switched(clocks, [(tag.clock2_delay, *tag.duty)])
+        first, second = np.ascontiguousarray(switched.T[:2])
+        tones = groups.white[row] * np.sqrt(inverse_noise)
+        if len(fit.rows) > 2:
+            others = np.linalg.qr(fit.white[row][:, ~np.isin(fit.rows, tag.rows)])[0]
+            tones = tones - others @ (others.T @ tones)
+            first, second = (each - others @ (others.T @ each) for each in (first, second))
+        parts = np.hstack([tones.real, tones.imag])
+        # Energy in the span of two columns, by their Gram matrix and its inverse.
+        one, both, two = _gram(first, second)
+        of_one, of_both, of_two = _gram(parts.T @ first, parts.T @ second)
+        size = np.maximum(one * two - both**2, 1e-9 * one * two)
+        found[row] = (two * of_one - 2 * both * of_both + one * of_two) / np.maximum(size, 1e-300)
+    return np.asarray(np.fft.rfft(found, axis=1)[:, :-1] / _EVERY_PHASE)
+
+
+def _gram(first: Array, second: Array) -> tuple[Array, ...]:
+    """Inner products of the columns of two matrices: of each of the first, both, and the second."""
+    pairs = (first, first), (first, second), (second, second)
+    return tuple(np.einsum("ij,ij->j", *pair) for pair in pairs)
 
 
 # A search takes at least this many groups and this much time: within 0.4 s a clock that drifts by
@@ -340,7 +379,7 @@ class ClockSearch:
         """J of tags in some groups by the complete model."""
         fit = self._model.fit(groups, self._model.predict(groups))
         inverse = self._noise.inverse
-        return [(tag, complete_likelihood(tag, groups, fit, inverse)) for tag in tags]
+        return [(tag, _complete_likelihood(tag, groups, fit, inverse)) for tag in tags]
 
     def _step_clocks(self, groups: GroupTones) -> None:
         """A Gauss-Newton step of the phases and offsets of all clocks over a block of groups."""

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,10 +24,7 @@ from ...signal.lines import Tone
 from ...signal.switching import DUTY, harmonics
 from ...signal.weights import ToneTable
 from ...wiforce_kernels import clock_likelihood
-from ..groups import Array, GroupFit, GroupTones
-
-if TYPE_CHECKING:
-    from .tracked_tag import TrackedTag
+from ..groups import Array
 
 # Lines above this are not used for the clock. Lines up to 24 would determine the phase of a single
 # group 3.8 dB better, but the tracking loop averages it over many groups; readings lose at most
@@ -198,45 +194,6 @@ def _orders(count: int) -> tuple[Array, Array, Array, Array]:
     """d = 0..D, and the factor of each q_d in J, J' and J''."""
     d = np.arange(count, dtype=float)
     return d, np.where(d > 0, 2.0, 1.0), -2 * d, -2 * d**2
-
-
-# Phases at which the complete model is evaluated, 0.35 deg apart: edges of switches lie at every
-# degree for the 80 packets of a group, and eight groups share a clock.
-_EVERY_PHASE = 1024
-
-
-def complete_likelihood(
-    tag: TrackedTag, groups: GroupTones, fit: GroupFit, inverse_noise: Array
-) -> Array:
-    """Coefficients (G, D + 1) of J(theta) of groups with times of their own, beside other tags.
-
-    It changes in steps where switches open or close, so that it is evaluated at all phases.
-    """
-    clocks = np.empty((_EVERY_PHASE, 1, 3))
-    clocks[:, 0, 0] = 2 * np.pi * np.arange(_EVERY_PHASE) / _EVERY_PHASE
-    clocks[:, 0, 1:] = tag.rate, tag.rate * tag.averaging_s / 2
-    found = np.empty((len(groups), _EVERY_PHASE))
-    for row, weights in enumerate(groups.weights):
-        switched = weights.switched(clocks, [(tag.clock2_delay, *tag.duty)])
-        first, second = np.ascontiguousarray(switched.T[:2])
-        tones = groups.white[row] * np.sqrt(inverse_noise)
-        if len(fit.rows) > 2:
-            others = np.linalg.qr(fit.white[row][:, ~np.isin(fit.rows, tag.rows)])[0]
-            tones = tones - others @ (others.T @ tones)
-            first, second = (each - others @ (others.T @ each) for each in (first, second))
-        parts = np.hstack([tones.real, tones.imag])
-        # Energy in the span of two columns, by their Gram matrix and its inverse.
-        one, both, two = _gram(first, second)
-        of_one, of_both, of_two = _gram(parts.T @ first, parts.T @ second)
-        size = np.maximum(one * two - both**2, 1e-9 * one * two)
-        found[row] = (two * of_one - 2 * both * of_both + one * of_two) / np.maximum(size, 1e-300)
-    return np.asarray(np.fft.rfft(found, axis=1)[:, :-1] / _EVERY_PHASE)
-
-
-def _gram(first: Array, second: Array) -> tuple[Array, ...]:
-    """Inner products of the columns of two matrices: of each of the first, both, and the second."""
-    pairs = (first, first), (first, second), (second, second)
-    return tuple(np.einsum("ij,ij->j", *pair) for pair in pairs)
 
 
 # Phases at which J is evaluated: 32 per period of its highest term, 2 x 8 cycles per turn.

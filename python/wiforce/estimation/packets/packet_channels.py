@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...signal.switching import harmonics
-from ...signal.timed_weights import TimedTable
+from ...signal.weights import TimedTable
 from ..groups import Array
 from .antenna_states import (
     LEAST_PACKETS,

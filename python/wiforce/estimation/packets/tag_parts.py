@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...signal.switching import switch_averages
-from ...signal.timed_weights import TimedTable, clutter_at
+from ...signal.weights import TimedTable, clutter_at
 from ..clocks.tracked_tag import TagClock
 from ..groups import Array, Groups
 from .antenna_states import LEAST_STEP
