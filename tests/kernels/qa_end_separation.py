@@ -100,19 +100,27 @@ def run():
     return Run()
 
 
+def locked(run, tracker, i=0, place=0, rows=None, nominal=1.0):
+    """One of both tags, on a clock that is off by 1 - ``nominal``, as the kernel takes it."""
+    likelihood, (delay, *duty) = run.likelihoods[i], PULSES[i]
+    rows, overlapping = likelihood.rows if rows is None else rows, nominal != 1
+    rates = RATES[i], nominal * RATES[i]
+    return locked_tag(place, tracker, likelihood.kernel, rows, *rates, delay, duty, overlapping)
+
+
+def kernel_of(tags=1, jointly=False, least_error=0.0, absent_s=0.5):
+    return end_separation(tags, SNAPSHOTS, TA, jointly, 0.2, least_error, absent_s, 20.0)
+
+
 def by_kernel(run, jointly, update, sizes, spread=None, wander=None, least_error=0.01):
     """What the kernel gives of the groups, in batches of some sizes."""
-    kernel = end_separation(TAGS, SNAPSHOTS, TA, jointly, 0.2, least_error, 0.5, 20.0)
+    kernel = kernel_of(TAGS, jointly, least_error)
     noise, trackers, parts, first = run.noise(), run.trackers(), [], 0
     for size in sizes:
         rows = slice(first, first + size)
         tags = [
-            locked_tag(
-                place, tracker, each.kernel, each.rows, rate, 1.001 * rate, delay, duty, True
-            )
-            for place, tracker, each, rate, (delay, *duty) in zip(
-                PLACES, trackers, run.likelihoods, RATES, PULSES, strict=True
-            )
+            locked(run, tracker, i, place, nominal=1.001)
+            for i, (place, tracker) in enumerate(zip(PLACES, trackers, strict=True))
         ]
         found = kernel.process(
             tags,
@@ -173,19 +181,16 @@ def test_kernel_states_noise_and_snr_of_each_group(run):
 
 def test_kernel_expects_less_of_a_group_that_lacks_snapshots(run):
     """Its noise is higher: compared with that of whole groups it looks like the tag."""
-    kernel = end_separation(1, SNAPSHOTS, TA, False, 0.2, 0.0, 0.5, 20.0)
     likelihood, tracker, lacking = run.likelihoods[0], run.trackers()[0], slice(5, 6)
-    delay, *duty = PULSES[0]
-    tag = locked_tag(
-        0, tracker, likelihood.kernel, likelihood.rows, RATES[0], RATES[0], delay, duty, False
-    )
+    tags = [locked(run, tracker)]
     center_s, tones, before = run.center_s[lacking], run.tones[lacking], tracker.energy
     energy = likelihood.kernel.at(
         np.array([tracker.predict(center_s[0])]),
         tones[:, likelihood.rows],
         np.full(SUBCARRIERS, 1 / NOISE),
     )[0, 0]
-    kernel.process([tag], run.weights[lacking], center_s, [False], tones, run.noise(), True)
+    arrays = run.weights[lacking], center_s, [False], tones
+    kernel_of().process(tags, *arrays, run.noise(), True)
     step = (NOISE * energy * 9 / 10 - before) / tracker.groups
     assert tracker.groups == 13 and tracker.energy == pytest.approx(before + step)
 
@@ -214,55 +219,37 @@ def test_kernel_passes_on_what_is_corrected(run):
 
 def test_kernel_stops_before_a_clock_that_is_given_up(run):
     """The tag must be searched again; the groups that follow are separated without it."""
-    kernel = end_separation(1, SNAPSHOTS, TA, False, 0.2, 0.0, 0.05, 20.0)
-    likelihood, tracker = run.likelihoods[0], run.trackers()[0]
-    tag = locked_tag(
-        0,
-        tracker,
-        likelihood.kernel,
-        likelihood.rows,
-        RATES[0],
-        RATES[0],
-        *[0, (0.25, 0.25)],
-        False,
-    )
+    tags = [locked(run, run.trackers()[0])]
     snapshots = normal(np.random.default_rng(1), GROUPS, SNAPSHOTS, SUBCARRIERS)
     silent = np.sqrt(NOISE) * (run.table.weights @ snapshots)
     weights, complete = run.weights[:1] * GROUPS, np.ones(GROUPS, bool)
-    found = kernel.process([tag], weights, run.center_s, complete, silent, run.noise(), True)
+    arrays = weights, run.center_s, complete, silent
+    found = kernel_of(absent_s=0.05).process(tags, *arrays, run.noise(), True)
     assert 0 < len(found["gain"]) < GROUPS and not found["locked"].any()
 
 
 def test_kernel_refuses_arrays_of_other_shapes(run):
     """A kernel must not read beyond its arrays."""
-    kernel = end_separation(TAGS, SNAPSHOTS, TA, False, 0.2, 0.0, 0.5, 20.0)
+    kernel, tracker = kernel_of(TAGS), run.trackers()[0]
     arrays = [run.center_s, run.complete, run.tones]
     for wrong in range(3):
         given = [each[:-1] if i == wrong else each for i, each in enumerate(arrays)]
         with pytest.raises(ValueError, match="must have shape"):
             kernel.process([], run.weights, *given, run.noise(), True)
-    likelihood, tracker = run.likelihoods[0], run.trackers()[0]
-    for place, rows in ((3, likelihood.rows), (0, likelihood.rows + 100)):
-        tag = locked_tag(
-            place, tracker, likelihood.kernel, rows, 1.0, 1.0, 0.0, (0.25, 0.25), False
-        )
+    for place, rows in ((3, None), (0, run.likelihoods[0].rows + 100)):
+        tag = locked(run, tracker, place=place, rows=rows)
         with pytest.raises(ValueError, match="must be"):
             kernel.process([tag], run.weights, *arrays, run.noise(), True)
     with pytest.raises(ValueError, match="those of the likelihood"):
-        locked_tag(0, tracker, likelihood.kernel, [1], 1.0, 1.0, 0.0, (0.25, 0.25), False)
+        locked(run, tracker, rows=[1])
 
 
 def test_tones_in_single_precision_are_those_in_double(run):
     """Streams and recordings give single precision, channel snapshots double."""
-    kernel = end_separation(1, SNAPSHOTS, TA, False, 0.2, 0.0, 0.5, 20.0)
-    likelihood, tracker = run.likelihoods[0], run.trackers()[0]
-    pulses = PULSES[0][0], PULSES[0][1:]
-    tag = locked_tag(
-        0, tracker, likelihood.kernel, likelihood.rows, RATES[0], RATES[0], *pulses, False
-    )
+    tags = [locked(run, run.trackers()[0])]
     single, arrays = run.tones.astype(np.complex64), (run.weights, run.center_s, run.complete)
     found, expected = (
-        kernel.process([tag], *arrays, tones, run.noise(), False)["ends"]
+        kernel_of().process(tags, *arrays, tones, run.noise(), False)["ends"]
         for tones in (single, single.astype(complex))
     )
     assert np.abs(expected).max() > 0.1
