@@ -19,14 +19,14 @@ from ..read.recordings import describe_events
 from ..shell.interrupts import FAILED
 from ..shell.log import log
 from ..shell.options import csi_file, csi_options, optional_radio_options, sample_type
-from .check_capture import (
+from .check_file import (
     LEVEL_FRAMES,
     advice_on_levels,
     advice_on_sensors,
+    check_file,
     labelled,
     level_lines,
 )
-from .check_file import check_file
 
 _SEARCHES = 16
 _AFTER_REFERENCE_S = 0.7
