@@ -17,7 +17,6 @@ from ..io.text.values import (
     AutomaticNumber,
     Choice,
     Integer,
-    KeyPath,
     Number,
     Scope,
     Text,
@@ -42,17 +41,13 @@ Mains = str | float | None
 class MainsFrequency(ValueType):
     """``auto``, 50 or 60 Hz; null, where allowed, is a room without lamps."""
 
-    @property
-    def allowed(self) -> str:
-        return "'auto' or 50 or 60 Hz"
+    allowed = "'auto' or 50 or 60 Hz"
 
-    def _read(self, value: Any, where: KeyPath, scope: Scope) -> Mains:
+    def _converted(self, value: Any) -> Mains:
         if isinstance(value, str) and value == "auto":
             return "auto"
         number = as_number(value)
-        if number not in FREQUENCIES_HZ:
-            raise where.error(self.rule, value)
-        return number
+        return number if number in FREQUENCIES_HZ else None
 
     def _json_schema(self) -> dict[str, Any]:
         # Numbers may be typed as text, as everywhere in these files.
@@ -62,15 +57,13 @@ class MainsFrequency(ValueType):
 class OffReflection(ValueType):
     """G_off / rho, one pair [re, im] or one for each switch, read as two complex numbers."""
 
-    @property
-    def allowed(self) -> str:
-        return "a pair [re, im] of magnitude below 1, or a list of two such pairs"
+    allowed = "a pair [re, im] of magnitude below 1, or a list of two such pairs"
 
-    def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[complex, complex]:
+    def _converted(self, value: Any) -> tuple[complex, complex] | None:
         pairs = value if _is_pair(value) and _is_pair(value[0]) else [value, value]
         first, second = (_as_complex(pair) for pair in pairs)
         if first is None or second is None or max(abs(first), abs(second)) >= 1:
-            raise where.error(self.rule, value)
+            return None
         return first, second
 
     def plain(self, value: tuple[complex, complex]) -> list[Any]:
@@ -109,13 +102,11 @@ class WaveformName(ValueType):
     def allowed(self) -> str:
         return f"{', '.join(map(repr, WAVEFORMS))} or a path that ends in {_SUFFIX}"
 
-    def _read(self, value: Any, where: KeyPath, scope: Scope) -> str:
+    def _converted(self, value: Any) -> str | None:
         if isinstance(value, str) and value in WAVEFORMS:
             return value
         is_file = isinstance(value, str) and value.isprintable() and len(value) <= _LONGEST
-        if not is_file or not value.lower().endswith(_SUFFIX):
-            raise where.error(self.rule, value)
-        return str(value)
+        return value if is_file and value.lower().endswith(_SUFFIX) else None
 
     def _json_schema(self) -> dict[str, Any]:
         path = {

@@ -11,7 +11,7 @@ import dataclasses
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar
 
 from .values import KeyPath, Scope, ValueType
 
@@ -202,18 +202,12 @@ class Mapping(ValueType):
 
     of: type
 
-    @property
-    def allowed(self) -> str:
-        return "a mapping of keys to values"
+    allowed = "a mapping of keys to values"
+    empty: ClassVar[Any] = {}
 
     @property
     def may_be_absent(self) -> bool:
         return self.optional or not any(each.required for each in keys(self.of).values())
-
-    def read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
-        if value is None and self.optional:
-            return None
-        return self._read({} if value is None else value, where, scope)
 
     def _read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
         return read(self.of, value, where, scope)
@@ -247,11 +241,8 @@ class ListOf(ValueType):
         return f"a list of {self.least} to {self.most} {self.items}"
 
     @property
-    def may_be_absent(self) -> bool:
-        return self.optional or self.least == 0
-
-    def read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
-        return super().read([] if value is None and self.least == 0 else value, where, scope)
+    def empty(self) -> Any:
+        return None if self.least else []
 
     def _read(self, value: Any, where: KeyPath, scope: Scope) -> tuple[Any, ...]:
         if not isinstance(value, list | tuple) or not self.least <= len(value) <= self.most:

@@ -77,21 +77,33 @@ class ValueType(ABC):
         return f"must be {self.allowed}" + (" or null" if self.optional else "")
 
     @property
+    def empty(self) -> Any:
+        """What is read in place of an absent value, if anything."""
+        return None
+
+    @property
     def may_be_absent(self) -> bool:
         """Whether a key of this type may be left out even where no default is declared."""
-        return self.optional
+        return self.optional or self.empty is not None
 
     def read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
         """Check and convert a value of the YAML loader; ``scope`` are values read before."""
         if value is None and self.optional:
             return None
-        if value is None:
+        if value is None and self.empty is None:
             raise where.error(f"is missing, {self.rule}")
-        return self._read(value, where, scope)
+        return self._read(self.empty if value is None else value, where, scope)
 
-    @abstractmethod
     def _read(self, value: Any, where: KeyPath, scope: Scope) -> Any:
         """As :meth:`read`, for a value that is not None."""
+        found = self._converted(value)
+        if found is None:
+            raise where.error(self.rule, value)
+        return found
+
+    def _converted(self, value: Any) -> Any:
+        """A value that is not None as it is used; None for one that breaks the rule."""
+        raise NotImplementedError
 
     def plain(self, value: Any) -> Any:
         """The value as YAML and JSON can hold it."""
@@ -130,15 +142,13 @@ class Number(ValueType):
         )
         return f"{self._noun} {limits} {self.unit}".rstrip()
 
-    def _read(self, value: Any, where: KeyPath, scope: Scope) -> float:
-        number = self._converted(value)
-        if number is None or not self.low <= number <= self.high:
-            raise where.error(self.rule, value)
-        if self.above and number == self.low:
-            raise where.error(self.rule, value)
-        return number
-
     def _converted(self, value: Any) -> float | None:
+        number = self._number(value)
+        if number is None or not self.low <= number <= self.high:
+            return None
+        return None if self.above and number == self.low else number
+
+    def _number(self, value: Any) -> float | None:
         return as_number(value)
 
     def _json_schema(self) -> dict[str, Any]:
@@ -156,7 +166,7 @@ class Integer(Number):
     _noun: ClassVar[str] = "an integer"
     _json_type: ClassVar[str] = "integer"
 
-    def _converted(self, value: Any) -> int | None:
+    def _number(self, value: Any) -> int | None:
         number = as_number(value)
         if number is None or number != int(number):
             return None
@@ -171,7 +181,7 @@ class AutomaticNumber(Number):
     def allowed(self) -> str:
         return f"'auto' or {super().allowed}"
 
-    def _read(self, value: Any, where: KeyPath, scope: Scope) -> float | None:  # type: ignore[override]
+    def _read(self, value: Any, where: KeyPath, scope: Scope) -> float | None:
         return None if value == "auto" else super()._read(value, where, scope)
 
     def plain(self, value: Any) -> Any:
@@ -191,11 +201,9 @@ class Text(ValueType):
     def allowed(self) -> str:
         return f"printable text of 1 to {self.limit} characters"
 
-    def _read(self, value: Any, where: KeyPath, scope: Scope) -> str:
+    def _converted(self, value: Any) -> str | None:
         printable = isinstance(value, str) and value.strip() and value.isprintable()
-        if not printable or len(value) > self.limit:
-            raise where.error(self.rule, value)
-        return value
+        return value if printable and len(value) <= self.limit else None
 
     def _json_schema(self) -> dict[str, Any]:
         return {
@@ -209,14 +217,11 @@ class Text(ValueType):
 class Texts(ValueType):
     """A list of texts of any length."""
 
-    @property
-    def allowed(self) -> str:
-        return "a list of texts"
+    allowed = "a list of texts"
 
-    def _read(self, value: Any, where: KeyPath, scope: Scope) -> list[str]:
-        if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
-            raise where.error(self.rule, value)
-        return value
+    def _converted(self, value: Any) -> list[str] | None:
+        texts = isinstance(value, list) and all(isinstance(text, str) for text in value)
+        return value if texts else None
 
     def _json_schema(self) -> dict[str, Any]:
         return {"type": "array", "items": {"type": "string"}}
@@ -232,10 +237,8 @@ class Choice(ValueType):
     def allowed(self) -> str:
         return " or ".join(f"'{word}'" for word in self.words)
 
-    def _read(self, value: Any, where: KeyPath, scope: Scope) -> str:
-        if not isinstance(value, str) or value not in self.words:
-            raise where.error(self.rule, value)
-        return value
+    def _converted(self, value: Any) -> str | None:
+        return value if isinstance(value, str) and value in self.words else None
 
     def _json_schema(self) -> dict[str, Any]:
         return {"enum": list(self.words)}
@@ -244,16 +247,12 @@ class Choice(ValueType):
 class Date(ValueType):
     """A date as text; YAML's own dates are converted to ISO 8601."""
 
-    @property
-    def allowed(self) -> str:
-        return "a date such as 2026-01-31"
+    allowed = "a date such as 2026-01-31"
 
-    def _read(self, value: Any, where: KeyPath, scope: Scope) -> str:
+    def _converted(self, value: Any) -> str | None:
         if isinstance(value, datetime.date):
             return value.isoformat()
-        if not isinstance(value, str):
-            raise where.error(self.rule, value)
-        return value
+        return value if isinstance(value, str) else None
 
     def _json_schema(self) -> dict[str, Any]:
         return {"type": "string"}
@@ -265,9 +264,7 @@ class AnyMapping(ValueType):
 
     known: dict[str, ValueType] = field(default_factory=dict)
 
-    @property
-    def allowed(self) -> str:
-        return "a mapping of keys to values"
+    allowed = "a mapping of keys to values"
 
     def _read(self, value: Any, where: KeyPath, scope: Scope) -> dict[Any, Any]:
         if not isinstance(value, dict):
