@@ -41,7 +41,7 @@ class LivePresses:
         index = scene.sensor_names.index(sensor)
         planned = session.reader.plan.sensors[index]
         untouched_deg = planned.model.untouched_deg(scene.radio.center_frequency_hz)
-        self._made_of = index, sensor, untouched_deg, planned.off_reflection, self._period_s
+        self._made_of = index, sensor, untouched_deg, planned.stated.off_reflection, self._period_s
         stream = session.reader.stream
         self._on_groups, stream.on_groups = stream.on_groups, self._note
 

@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 
 def _off_error_deg(sensor: PlannedSensor, carrier_hz: float, presses: Array) -> Array:
     """Deviation (n, 2) of both phases at presses (n, 2) by what is unknown of the off states."""
-    model, off = sensor.model, sensor.off_reflection
+    model, off = sensor.model, sensor.stated.off_reflection
     untouched = np.exp(1j * np.radians(model.untouched_deg(carrier_hz)))
     pressed = np.exp(1j * np.radians(model.phases_deg(presses[:, 0], presses[:, 1], carrier_hz)))
     error = np.abs(1 - (pressed - off) / (untouched - off))
-    return np.asarray(np.degrees(sensor.off_reflection_std * error))
+    return np.asarray(np.degrees(sensor.stated.off_reflection_std * error))
 
 
 # Standard deviation of a noise component, in ADC steps, below which rounding errors are no longer
@@ -296,7 +296,7 @@ def phase_std_deg(plan: Plan) -> np.ndarray:
     for sensor in plan.sensors:
         force_n, location_mm = _span(sensor.model).T
         phases = sensor.model.phases_deg(force_n, location_mm, plan.center_frequency_hz)
-        switched = np.exp(1j * np.radians(phases)) - sensor.off_reflection
+        switched = np.exp(1j * np.radians(phases)) - sensor.stated.off_reflection
         sizes.append(np.sqrt(np.mean(np.abs(switched) ** 2, axis=0)))
     amplitudes = 10 ** (np.array([[tag.level_db] for tag in scene.simulation.tags]) / 20) * sizes
     subcarriers = len(waveform.bins)

@@ -4,7 +4,7 @@
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from ..estimation.clocks.likelihood import PhaseLikelihood
 from ..estimation.clocks.tracked_tag import WIDEST_PPM, TagClock
 from ..estimation.estimators import estimator_named
 from ..scene import Scene, load_scene
+from ..scene.schema import SceneSensor
 from ..scene.surface import skin_of
 from ..sensor import SensorModel
 from ..signal.lines import RoomNoise
@@ -28,17 +29,12 @@ HARMONICS = (8, 12, 16, 24)
 ACCEPTED_LOSS_DB = 0.1
 
 
-@dataclass(frozen=True, eq=False)
-class PlannedSensor:
+class PlannedSensor(NamedTuple):
     """A sensor to read."""
 
     name: str
-    model: SensorModel = field(repr=False)
-    off_reflection: np.ndarray  # (2,), G_off / rho per switch
-    # Stated random walk of the untouched phases; None: learned.
-    drift_deg_per_sqrt_s: float | None = None
-    turns_per_s: float | None = None  # stated rate of turns of the tag or an antenna; None: learned
-    off_reflection_std: float = 0.0  # of the real and the imaginary part of each
+    model: SensorModel
+    stated: SceneSensor
 
 
 @dataclass(frozen=True)
@@ -145,17 +141,7 @@ class Plan:
     def sensors(self) -> tuple[PlannedSensor, ...]:
         """The scene's sensors with their models."""
         scene = self.require_scene()
-        return tuple(
-            PlannedSensor(
-                s.name,
-                s.load_model(scene),
-                np.asarray(s.off_reflection),
-                s.drift_deg_per_sqrt_s,
-                s.turns_per_s,
-                s.off_reflection_std,
-            )
-            for s in scene.sensors
-        )
+        return tuple(PlannedSensor(s.name, s.load_model(scene), s) for s in scene.sensors)
 
     @cached_property
     def skin(self) -> Skin | None:

@@ -282,14 +282,14 @@ def make_readout(
         s.name: SensorReadout(
             s.model,
             carrier_hz,
-            s.off_reflection,
+            s.stated.off_reflection,
             period_s,
             states[s.name],
             tracked,
             snr_db,
             tag_ratio,
             lamps,
-            s.off_reflection_std,
+            s.stated.off_reflection_std,
         )
         for s, snr_db, tag_ratio, lamps in zip(
             plan.sensors, surveyed, tag_ratios, in_lamps, strict=True
@@ -309,17 +309,12 @@ def _unseen(sensor: PlannedSensor, plan: Plan) -> SensorState:
     """The state of a sensor that has shown nothing yet."""
     period_s, carrier_hz = plan.group_period_s, plan.center_frequency_hz
     parameters = {"period_s": period_s, "smoothing_s": plan.smoothing_groups * period_s}
-    if sensor.drift_deg_per_sqrt_s is not None:
-        parameters["drift_deg"] = sensor.drift_deg_per_sqrt_s
-    if sensor.turns_per_s is not None:
-        parameters |= {"turns": sensor.turns_per_s, "turns_s": _STATED_S}
+    stated, off = sensor.stated, np.asarray(sensor.stated.off_reflection)
+    if stated.drift_deg_per_sqrt_s is not None:
+        parameters["drift_deg"] = stated.drift_deg_per_sqrt_s
+    if stated.turns_per_s is not None:
+        parameters |= {"turns": stated.turns_per_s, "turns_s": _STATED_S}
     return SensorState(
-        lambda: filter_of(
-            sensor.model,
-            carrier_hz,
-            sensor.off_reflection,
-            sensor.off_reflection_std,
-            **parameters,
-        ),
-        PressEvidence(sensor.model, carrier_hz, np.asarray(sensor.off_reflection), period_s),
+        lambda: filter_of(sensor.model, carrier_hz, off, stated.off_reflection_std, **parameters),
+        PressEvidence(sensor.model, carrier_hz, off, period_s),
     )
