@@ -18,8 +18,9 @@ from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.recording import groups_of
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
+from gnuradio.wiforce.simulation.truth import score
 
-from ..evaluate.experiment import mean_truth, pooled_summary, scored
+from ..evaluate.evaluate import expected_truth, pooled_summary
 from ..shell.log import progress
 from ..shell.tables import Column, echo, table
 from .chains import DATATYPE, GROUP_LENGTH, WAVEFORM, Recording, planned, stock
@@ -155,6 +156,7 @@ def _point(setting, capture, signal_s):
     times_s.append(time.process_time())
     samples_s, groups_s = (np.diff(times_s) / signal_s).tolist()
     scene = setting.plan.scene
+    truth = expected_truth(scene)
     nothing = {"read": 0, "phase_deg": None, "force_n": None, "location_mm": None}
     return {
         "setting": setting.name,
@@ -165,7 +167,7 @@ def _point(setting, capture, signal_s):
         "group_length": setting.plan.group_length,
         "bound_deg": float(MEDIAN * np.sqrt(np.mean(phase_std_deg(setting.plan) ** 2))),
         **nothing,
-        **pooled_summary(scored(scene, readings, mean_truth(scene))),
+        **pooled_summary([score(readings, truth, name) for name in scene.sensor_names]),
     }
 
 

@@ -1,8 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""``gr-wiforce evaluate``: errors against the truth, of many scenes, and the paper's figures."""
+"""``gr-wiforce evaluate``: errors against the truth, of many scenes, and the paper's figures.
+
+A scene is simulated, read by this receiver and by the paper's method, and scored.
+"""
 
 import json
 import platform
+import tempfile
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from string import Template
 
@@ -10,17 +16,37 @@ import click
 import numpy as np
 from gnuradio.wiforce._config import VERSION
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.text.textfile import check_output, write_csv, write_whole
+from gnuradio.wiforce.estimation.capture.folded_groups import frame_settings
+from gnuradio.wiforce.estimation.clocks.tracked_tag import WIDEST_PPM
+from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.estimation.phases.off_state import corrected_phase_deg
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.io.text.textfile import check_output, read_yaml, write_whole
+from gnuradio.wiforce.planning.expected import expect
+from gnuradio.wiforce.planning.plan import plan
+from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.scene import load_scene, sampled_scenes, simulation_warnings
+from gnuradio.wiforce.signal.weights import tones_of
+from gnuradio.wiforce.simulation.channel import AirChannel
+from gnuradio.wiforce.simulation.simulator import simulate
+from gnuradio.wiforce.simulation.truth import score, truth_rows
+from gnuradio.wiforce.wiforce_kernels import folded_reader
+from scipy.fft import fft
 
+from ..read.recordings import read_capture
 from ..shell.log import log, progress
 from ..shell.options import scene_names, worker_options
 from ..shell.provenance import fingerprint
 from ..shell.tables import Column, table
 from ..shell.workers import run_tasks
-from . import published
-from .experiment import CORRECTED, other_causes, run
+from .published import FOLDER, paper, paper_figures
 
+# The paper's method with the constant offset of the tag's clock removed.
+CORRECTED = "paper, clock offset removed"
+_BATCH = 64  # groups of the paper's method
+# The cause that the file of a scene of the paper itself holds, in ``simulation.tags``.
+OWN = "clock jitter"
 # Of the stored results; those of another one are computed again.
 _FORMAT = 7
 
@@ -41,6 +67,9 @@ def evaluate():
     paper: score the models on the published wireless trials. SCENE...: simulate, read and score
     these scenes. all: every shipped scene. See also: gr-wiforce evaluate all --help.
     """
+
+
+evaluate.add_command(paper)
 
 
 @evaluate.command(hidden=True)
@@ -77,12 +106,12 @@ def scenes(scenes, folder, jobs, fresh):
     results = [None if fresh else stored(*known) for known in zip(files, hashes, strict=True)]
     missing = [i for i, result in enumerate(results) if result is None]
     with progress("evaluating", len(missing)) as step:
-        for outcome in run_tasks(_run, [(names[i], str(folder)) for i in missing], jobs):
+        for outcome in run_tasks(run, [(names[i], str(folder)) for i in missing], jobs):
             i = missing[outcome.index]
             results[i] = outcome.get()
             write_whole(files[i], json.dumps({"fingerprint": hashes[i], "result": results[i]}))
             step(1)
-    figures = published.paper_figures()
+    figures = paper_figures()
     tables = error_table(results, figures)
     if causes := cause_table(results, figures):
         tables += f"\n\n{causes}"
@@ -90,74 +119,213 @@ def scenes(scenes, folder, jobs, fresh):
     click.echo(f"{tables}\n\nreport: {folder / 'report.md'}")
 
 
-@evaluate.command()
-@click.option(
-    "-o", "--output", type=click.Path(), help="Write every reading with its errors (CSV)."
-)
-def paper(output):
-    """Score the models on the paper's wireless trials."""
-    if output is not None:
-        check_output(output)
-    vna = published.FOLDER / "vna.csv"
-    presses = published.published_presses()
-    scores = published.score_presses(vna, presses)
-    if output is not None:
-        shown = {key: scores[key].map("{:g}".format) for key in ("freq_mhz", "location_mm")}
-        write_csv(output, scores.assign(**shown))
-    for frequency, own in scores.groupby("freq_mhz"):
-        _print_frequency(1e6 * frequency, own)
-    click.echo(f"limits of these data, and the paper's other series: {published.FOLDER}")
+def run(task):
+    """Simulate, read and score a scene, with a capture in a folder that is deleted; for JSON.
 
-
-_TRIALS = (
-    Column("calibrated by VNA and", "calibrated"),
-    Column("method", "method"),
-    Column("force error (N)", "force"),
-    Column("location error (mm)", "location"),
-    Column("n", "n"),
-    Column("in 2 std", "within", ".0%"),
-)
-
-
-def _print_frequency(frequency, scores):
-    force, location = published.CLAIMS[frequency]
-    presses = len(scores.groupby(["trial", "location_mm"]))
-    click.echo(f"{frequency / 1e6:g} MHz, {presses} published wireless presses of trials 1 to 3")
-    click.echo(f"paper, own test set: median {force:.2f} N, {location:.2f} mm")
-    click.echo(f"curves chosen by cross-validation on the VNA data: {scores.form.iloc[0]}")
-    click.echo("errors: median, 90th percentile")
-    click.echo()
-    away = f"not {published.UNOBSERVABLE_MM:g} mm"
-    rows = []
-    for refined in (0, 1):
-        for method in published.METHODS:
-            own = scores[(scores.wireless_calibration == refined) & (scores.method == method)]
-            calibrated = "one wireless press per location" if refined else "nothing else"
-            rows.append({"calibrated": calibrated, "method": method, **_errors(own)})
-            if method == "single reading":
-                other = own[own.location_mm != published.UNOBSERVABLE_MM]
-                rows.append({**rows[-1], "method": f"{method}, {away}", **_errors(other)})
-    click.echo(f"{table(rows, _TRIALS)}\n")
-
-
-def _errors(scores):
-    """Cells of a method's readings."""
-    force, location = published.errors(scores)
-    known = scores.method.iloc[0] == "location known"
+    Per sensor: errors, of the paper's method with and without the clock's offset as well, and those
+    of the plan; ``causes``: errors with each disturbance that explains a
+    published figure. Phase errors compare changes with the mean reflection of a group; calibration
+    errors and changes within it are part of the others only.
+    """
+    scene_name, folder = task
+    scene = load_scene(scene_name)
+    sensors, forces = _read(scene, folder)
+    causes = {}
+    for cause, change in other_causes(scene_name).items():
+        causes[cause] = _caused(_read(with_cause(scene, change), folder)[0][0])
     return {
-        "force": _distribution(force),
-        "location": "known" if known else _distribution(location),
-        "n": len(scores),
-        "within": np.mean(force <= 2 * scores.force_std_n),
+        "scene": str(scene_name),
+        "sensors": sensors,
+        "sum": forces,
+        "causes": {OWN: _caused(sensors[0]), **causes} if causes else {},
     }
 
 
-def _distribution(errors):
-    return f"{errors.median():.2f}, {errors.quantile(0.9):.2f}"
+@contextmanager
+def simulated(scene, folder):
+    """A temporary capture of a scene: the recording, and rows of truth."""
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".capture-") as place:
+        capture = Path(place) / "capture"
+        simulate(scene, capture)
+        yield open_capture(capture), expected_truth(scene)
 
 
-def _run(task):
-    return run(*task)
+def _read(scene, folder):
+    """Results of every sensor of a scene, and the error of their forces' sum."""
+    readings = []
+    with simulated(scene, folder) as (recording, truth):
+        read_capture(recording, scene, readings.append)
+        changes = paper_changes(recording, scene)
+    sensors = []
+    for i, (sensor, expected) in enumerate(zip(scene.sensors, expect(plan(scene)), strict=True)):
+        own = score(readings, truth, sensor.name)
+        methods = {"ours": pooled_summary([own])}
+        for method, detrend in (("paper", False), (CORRECTED, True)):
+            methods[method] = paper_errors(scene, i, changes, truth, detrend)
+        sensors.append(
+            {
+                "sensor": sensor.name,
+                "methods": methods,
+                "flagged": own.flagged,
+                "bound_rms_deg": float(np.sqrt(np.mean(np.square(expected.phase_std_deg)))),
+                "radio_noise": scene.simulation.radio_noise is not None,
+                "expected": {
+                    "phase_deg": expected.phase_error_deg,
+                    "force_n": expected.force_error_n,
+                    "location_mm": expected.location_error_mm,
+                },
+            }
+        )
+    return sensors, _sum_of_forces(scene, readings, truth)
+
+
+def other_causes(name):
+    """Changes of ``simulation`` that replace a shipped scene's own disturbance, by cause."""
+    return read_yaml(FOLDER / "causes.yaml").get(name, {})
+
+
+def with_cause(scene, change):
+    """A scene with other keys of ``simulation`` and, unless they have some, ideal tags."""
+    content = scene.as_dict()
+    content["simulation"] |= {"tags": [], **change}
+    return load_scene(content)
+
+
+def _caused(sensor):
+    """Errors by which causes are compared, of a sensor's results."""
+    kept = ("phase_rms_deg", "force_n", "location_mm")
+    errors = {
+        name: {key: sensor["methods"][method].get(key) for key in kept}
+        for name, method in (("ours", "ours"), ("paper", CORRECTED))
+    }
+    read = sensor["methods"]["ours"].get("read", 0)
+    return {**errors, "flagged": sensor["flagged"], "read": read}
+
+
+def expected_truth(scene):
+    """Rows of truth with the phases that a reader without noise would state.
+
+    They are of the mean reflection of a group, not of its centre, from the untouched phases of the
+    reader's model on.
+    """
+    channel, frequency = AirChannel(scene), scene.radio.center_frequency_hz
+    bias_deg = {}
+    for sensor, tag in zip(scene.sensors, scene.simulation.tags, strict=True):
+        known, true = sensor.load_model(scene), scene.load_model(tag.truth_model)
+        known_deg, true_deg = (model.untouched_deg(frequency) for model in (known, true))
+        bias_deg[sensor.name] = np.subtract(known_deg, true_deg)
+    truth = [row for row in truth_rows(scene, channel) if row["sensor"] in bias_deg]
+    for row in truth:
+        pressed = channel.sensors[row["sensor"]].pressed
+        mean_deg = pressed.mean_phases_deg([row["time_s"]], scene.group_period_s)[0]
+        row["phase1_deg"], row["phase2_deg"] = mean_deg + bias_deg[row["sensor"]]
+    return truth
+
+
+def _sum_of_forces(scene, readings, truth):
+    """Median error of the sum of all forces while all sensors are touched; None for one."""
+    names = scene.sensor_names
+    if len(names) < 2:
+        return None
+    known = {(round(row["time_s"], 4), row["sensor"]): row["force_n"] for row in truth}
+    by_time = {}
+    for reading in readings:
+        if reading.touch == 1 and reading.force_n is not None and not reading.flags:
+            by_time.setdefault(round(reading.time_s, 4), {})[reading.sensor] = reading.force_n
+    errors = [
+        sum(forces.values()) - sum(known[time, name] for name in names)
+        for time, forces in by_time.items()
+        if len(forces) == len(names)
+    ]
+    return float(np.median(np.abs(errors))) if errors else None
+
+
+def _plan_without_survey(scene):
+    """The plan of a scene alone, of clocks that need no survey."""
+    sensors = [
+        replace(sensor, clock_tolerance_ppm=min(sensor.clock_tolerance_ppm, WIDEST_PPM))
+        for sensor in scene.sensors
+    ]
+    return plan(replace(scene, sensors=tuple(sensors)))
+
+
+def paper_changes(recording, scene):
+    """Accumulated changes (groups, 2S) by Fourier sums at lines 1 and 4 (paper, section 3.3).
+
+    Of all snapshots, as the paper: without those that interference hit, the sums would leak.
+    """
+    settings = _plan_without_survey(
+        replace(
+            scene,
+            phase_group=replace(scene.phase_group, estimator="paper"),
+            environment=replace(scene.environment, receive_antennas=1),
+        )
+    )
+    changes = []
+    receiver = Receiver(
+        settings, derotated=False, on_groups=lambda groups: changes.append(groups.ratios)
+    )
+    length, waveform = settings.group_length, settings.waveform
+    factors = waveform.equalizer().astype(np.complex64)
+    frames, first = folded_reader(**frame_settings(recording, waveform, frame_offset=0)), 0
+    while count := len(folded := frames.read(_BATCH * length)["folded"]) // length:
+        channels = (fft(folded[: count * length], axis=1) * factors)[:, waveform.bins]
+        tones = [tones_of(settings.table.weights, group) for group in np.split(channels, count)]
+        receiver.process(Groups(first + np.arange(count), np.stack(tones)))
+        first += count
+    receiver.finish()
+    return np.concatenate(changes)
+
+
+def paper_errors(scene, index, changes, truth, detrend):
+    """Errors of the paper's method under steady touches; ``detrend`` removes a clock's offset."""
+    sensor = scene.sensors[index]
+    times = [row["time_s"] for row in truth if row["sensor"] == sensor.name]
+    angles = np.unwrap(np.angle(changes[: len(times), 2 * index : 2 * index + 2]), axis=0)
+    if detrend:
+        angles = _detrended(angles, int(scene.reference_s / scene.group_period_s))
+    model, frequency = sensor.load_model(scene), scene.radio.center_frequency_hz
+    phases, _ = corrected_phase_deg(
+        np.exp(1j * angles), model.untouched_deg(frequency), sensor.off_reflection
+    )
+    found = model.invert(phases, frequency_hz=frequency)
+    # Steady touches are told by the truth; where nothing is found, force and location are NaN.
+    readings = [
+        Reading(time, sensor.name, 1, force, None, location, None, *pair)
+        for time, force, location, pair in zip(
+            times, found.force_n, found.location_mm, phases, strict=False
+        )
+    ]
+    return pooled_summary([score(readings, truth, sensor.name)])
+
+
+def _detrended(angles, reference_groups):
+    """Angles (groups, 2) less the straight line through the reference groups."""
+    times = np.arange(len(angles))
+    reference = times < reference_groups
+    if np.count_nonzero(reference) <= 2:
+        return angles
+    slope, start = np.polyfit(times[reference], angles[reference], 1)
+    return angles - np.outer(times, slope) - start
+
+
+def pooled_summary(scores):
+    """Medians, 90th percentiles, phase rms and number of all errors of scores; empty without."""
+    names = ("phase_error_deg", "force_error_n", "location_error_mm")
+    phase, force, location = (np.concatenate([getattr(s, name) for s in scores]) for name in names)
+    if not len(phase):
+        return {}
+    known = np.isfinite(force)
+    found = {
+        "phase_deg": float(np.median(np.abs(phase))),
+        "phase_rms_deg": float(np.sqrt(np.mean(phase**2))),
+        "read": int(known.sum()),
+    }
+    for name, error in (("force_n", force[known]), ("location_mm", location[known])):
+        if len(error):
+            found[name] = float(np.median(np.abs(error)))
+            found[f"{name}_90"] = float(np.percentile(np.abs(error), 90))
+    return found
 
 
 def stored(file, current):

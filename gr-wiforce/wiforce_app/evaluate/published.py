@@ -9,15 +9,17 @@ another trial. From trial 3 nothing is learnt.
 from itertools import product
 from pathlib import Path
 
+import click
 import numpy as np
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.calibration.calibrate import calibrate, refine
 from gnuradio.wiforce.calibration.tables import CalibrationTable, read_vna_csv
-from gnuradio.wiforce.io.text.textfile import read_yaml
+from gnuradio.wiforce.io.text.textfile import check_output, read_yaml, write_csv
 from gnuradio.wiforce.sensor import PressTracker
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
 from ..shell.log import progress
+from ..shell.tables import Column, table
 
 FOLDER = Path(DATA_DIR) / "data" / "paper"
 
@@ -80,7 +82,7 @@ def bench_model(table):
     return calibrate(table, name, 80.0, "auto-beyond", ONSET_FORCE_N, location_steps="given")
 
 
-def score_presses(vna_path, presses):
+def score_presses(presses):
     """Every model and method on every reading of the presses, as a DataFrame in columns of `-o`.
 
     ``wireless_calibration``: with one press per location, of the other trial.
@@ -90,7 +92,7 @@ def score_presses(vna_path, presses):
     frames = []
     with progress("evaluating", 2 * len(FREQUENCIES_HZ) * len(LEARNT_FROM)) as step:
         for frequency in FREQUENCIES_HZ:
-            bench = bench_model(read_vna_csv(vna_path, frequency))
+            bench = bench_model(read_vna_csv(FOLDER / "vna.csv", frequency))
             own = [press for press in presses if press.frequency_hz[0] == frequency]
             for (trial, learnt_from), refined in product(LEARNT_FROM.items(), (False, True)):
                 other = [press for press in own if press.press[0] == learnt_from]
@@ -147,3 +149,67 @@ def errors(scores):
     """Absolute errors of force and location of some rows of `score_presses`."""
     force = (scores.estimated_force_n - scores.force_n).abs()
     return force, (scores.estimated_location_mm - scores.location_mm).abs()
+
+
+@click.command()
+@click.option(
+    "-o", "--output", type=click.Path(), help="Write every reading with its errors (CSV)."
+)
+def paper(output):
+    """Score the models on the paper's wireless trials."""
+    if output is not None:
+        check_output(output)
+    scores = score_presses(published_presses())
+    if output is not None:
+        shown = {key: scores[key].map("{:g}".format) for key in ("freq_mhz", "location_mm")}
+        write_csv(output, scores.assign(**shown))
+    for frequency, own in scores.groupby("freq_mhz"):
+        _print_frequency(1e6 * frequency, own)
+    click.echo(f"limits of these data, and the paper's other series: {FOLDER}")
+
+
+_TRIALS = (
+    Column("calibrated by VNA and", "calibrated"),
+    Column("method", "method"),
+    Column("force error (N)", "force"),
+    Column("location error (mm)", "location"),
+    Column("n", "n"),
+    Column("in 2 std", "within", ".0%"),
+)
+
+
+def _print_frequency(frequency, scores):
+    force, location = CLAIMS[frequency]
+    presses = len(scores.groupby(["trial", "location_mm"]))
+    click.echo(f"{frequency / 1e6:g} MHz, {presses} published wireless presses of trials 1 to 3")
+    click.echo(f"paper, own test set: median {force:.2f} N, {location:.2f} mm")
+    click.echo(f"curves chosen by cross-validation on the VNA data: {scores.form.iloc[0]}")
+    click.echo("errors: median, 90th percentile")
+    click.echo()
+    away = f"not {UNOBSERVABLE_MM:g} mm"
+    rows = []
+    for refined in (0, 1):
+        for method in METHODS:
+            own = scores[(scores.wireless_calibration == refined) & (scores.method == method)]
+            calibrated = "one wireless press per location" if refined else "nothing else"
+            rows.append({"calibrated": calibrated, "method": method, **_errors(own)})
+            if method == "single reading":
+                other = own[own.location_mm != UNOBSERVABLE_MM]
+                rows.append({**rows[-1], "method": f"{method}, {away}", **_errors(other)})
+    click.echo(f"{table(rows, _TRIALS)}\n")
+
+
+def _errors(scores):
+    """Cells of a method's readings."""
+    force, location = errors(scores)
+    known = scores.method.iloc[0] == "location known"
+    return {
+        "force": _distribution(force),
+        "location": "known" if known else _distribution(location),
+        "n": len(scores),
+        "within": np.mean(force <= 2 * scores.force_std_n),
+    }
+
+
+def _distribution(errors):
+    return f"{errors.median():.2f}, {errors.quantile(0.9):.2f}"

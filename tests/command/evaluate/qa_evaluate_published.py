@@ -18,7 +18,7 @@ FORM = "power"
 @pytest.fixture(scope="module")
 def scores():
     presses = published.published_presses()
-    return published.score_presses(FOLDER / "vna.csv", presses)
+    return published.score_presses(presses)
 
 
 def pooled(scores, frequency, method, refined=False, without_mm=None):
@@ -113,7 +113,7 @@ def test_a_trial_is_never_scored_with_what_was_learnt_from_it(monkeypatch):
 
     monkeypatch.setattr(published, "refine", spied_refine)
     monkeypatch.setattr(published, "_scatter", spied_scatter)
-    scores = published.score_presses(FOLDER / "vna.csv", presses)
+    scores = published.score_presses(presses)
     read = scores[["trial", "wireless_calibration"]].drop_duplicates().to_numpy().tolist()
     assert read == [[trial, refined] for trial in "123" for refined in (0, 1)]
     assert learnt == [{"2"}, {"2"}, {"1"}, {"1"}, {"2"}, {"2"}]

@@ -10,12 +10,14 @@ import yaml
 from command_runs import run_command
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.scene import load_scene
-from wiforce_app.evaluate.evaluate import cause_table, error_table, stored
-from wiforce_app.evaluate.experiment import (
+from wiforce_app.evaluate.evaluate import (
+    cause_table,
+    error_table,
     other_causes,
     paper_changes,
     paper_errors,
     simulated,
+    stored,
     with_cause,
 )
 from wiforce_app.evaluate.published import paper_figures
