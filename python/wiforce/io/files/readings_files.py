@@ -5,9 +5,8 @@ import csv
 import json
 import math
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator, Mapping
-from contextlib import closing
-from itertools import islice
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -41,26 +40,29 @@ class ReadingsFile:
         self.metadata: dict[str, str] = {}
         if (form := format_of(path)) is None:
             raise InputError(path, f"readings must be in a {suffixes(FORMATS)} file")
-        # Of files with names of their columns, these come first, and then the rows.
-        tables: dict[str, Callable[[], Generator[Any, None, None]]] = {
+        readers: dict[str, Callable[[], Iterator[Mapping[str, Any]]]] = {
             ".csv": self._csv,
+            ".jsonl": self._json_lines,
             ".parquet": self._parquet,
+            ".mcap": partial(mcap_rows, path),
         }
-        self._table = tables.get(form.suffix)
+        self._rows = readers[form.suffix]
         self.note, self._cut = "", form.suffix == ".mcap" and mcap_is_cut(path)
-        if self._table is not None:
-            with closing(self._table()) as table:
-                names = next(table)
-        else:
-            # A row may have a column that no row before it has.
-            names = tuple({name: None for row in self._rows() for name in row})
+        # Those of a table. In other files, a row may have a column that no row before it has.
+        self._columns: tuple[str, ...] | None = None
+        found: dict[str, None] = {}
+        for row in self._rows():
+            if self._columns is not None:
+                break
+            found |= dict.fromkeys(row)
+        names = tuple(found) if self._columns is None else self._columns
         if self._cut and not names:
             raise InputError(path, "is cut off before its first reading is complete")
         repeated = [name for name, count in Counter(names).items() if count > 1]
         if repeated:
             raise InputError(path, "columns must have different names", repeated[0])
         for name in _NEEDED:
-            if (names or self._table is not None) and name not in names:
+            if (names or self._columns is not None) and name not in names:
                 raise InputError(path, f"is no file of readings: it has no column {name}")
         self.also = tuple(name for name in names if name not in COLUMNS)
 
@@ -78,13 +80,6 @@ class ReadingsFile:
                 f"ends behind reading {number} without a regular end: it is still being written, "
                 "or what followed is lost"
             )
-
-    def _rows(self) -> Iterator[Mapping[str, Any]]:
-        if self._table is not None:
-            return islice(self._table(), 1, None)
-        if self._path.suffix.lower() == ".mcap":
-            return mcap_rows(self._path)
-        return self._json_lines()
 
     def _typed(self, row: Mapping[str, Any]) -> dict[str, Any]:
         typed: dict[str, Any] = {name: row.get(name) for name in (*COLUMNS, *self.also)}
@@ -108,7 +103,7 @@ class ReadingsFile:
         typed["flags"] = typed["flags"] or ""
         return typed
 
-    def _csv(self) -> Generator[Any, None, None]:
+    def _csv(self) -> Iterator[Mapping[str, Any]]:
         with self._opened() as file:
             try:
                 lines = csv.reader(file, strict=True)
@@ -116,7 +111,7 @@ class ReadingsFile:
                 if not any(names):
                     rule = "must have a first row with the names of its columns"
                     raise InputError(self._path, rule)
-                yield tuple(names)
+                self._columns = tuple(names)
                 for fields in lines:
                     if len(fields) == len(names):
                         yield dict(zip(names, fields, strict=True))
@@ -138,7 +133,7 @@ class ReadingsFile:
                     raise InputError(f"{self._path}: line {number}", "must be a JSON object")
                 yield row
 
-    def _parquet(self) -> Generator[Any, None, None]:
+    def _parquet(self) -> Iterator[Mapping[str, Any]]:
         arrow = optional_module("pyarrow", self._path)
         import pyarrow.parquet
 
@@ -150,7 +145,7 @@ class ReadingsFile:
                     for key, value in stored.items()
                 }
                 self.metadata = {k: v for k, v in known.items() if k.startswith("wiforce:")}
-                yield tuple(file.schema_arrow.names)
+                self._columns = tuple(file.schema_arrow.names)
                 # pyarrow's threads may abort a process that ends soon after.
                 for batch in file.iter_batches(_BATCH_ROWS, use_threads=False):
                     yield from batch.to_pylist()
