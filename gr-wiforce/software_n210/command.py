@@ -12,8 +12,7 @@ from contextlib import closing
 import click
 from gnuradio.wiforce.errors import InputError
 
-from .device import Device
-from .faults import GRAMMAR, parse_fault
+from .device import GRAMMAR, Device, parse_fault
 from .frontend import Cable
 from .wire import TICK_RATE
 

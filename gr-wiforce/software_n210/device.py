@@ -9,10 +9,10 @@ import struct
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 from gnuradio.wiforce.errors import InputError
 
-from .faults import Fault
 from .frontend import Cable
 from .hardware import Hardware
 from .host_link import HostLink, Sockets, check_loopback
@@ -116,6 +116,81 @@ class Throttle:
         if waited > _TX_UNDERFLOW_S:
             return end
         return covered if waited > _TX_PAUSE_S else start
+
+
+def _switch_off(hardware, sensor):
+    hardware.air.sensor(sensor).on = False
+
+
+def _switch_on(hardware, sensor):
+    hardware.air.sensor(sensor).on = True
+
+
+# The argument of each kind, and what it does to the hardware.
+_KINDS = {
+    "overflow": ("samples", lambda hardware, samples: hardware.receive.overflow(samples)),
+    "lose": ("packets", lambda hardware, packets: hardware.receive.packets.lose(packets)),
+    "off": ("sensor", _switch_off),
+    "on": ("sensor", _switch_on),
+}
+_MOST = 1e9
+GRAMMAR = "; ".join(f"{kind} {argument}" for kind, (argument, _) in _KINDS.items())
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault, so many ticks after the first received sample."""
+
+    time: int
+    kind: str
+    argument: int | str
+
+    def check(self, air):
+        """Raise an InputError when it names a sensor that is not on the air."""
+        if isinstance(self.argument, str):
+            air.sensor(self.argument)
+
+    def apply(self, hardware):
+        """Let it happen now."""
+        _KINDS[self.kind][1](hardware, self.argument)
+
+
+def parse_fault(text: str, where: str = "--fault") -> Fault:
+    """A fault from ``TIME KIND ARGUMENT``.
+
+    TIME is in seconds after the first sample that was received since the device was opened. Faults
+    that are given while it is closed wait for the next host. The kinds are::
+
+        overflow SAMPLES        report an overflow, lose SAMPLES and continue
+        lose PACKETS            number the next packets but do not send them
+        off SENSOR, on SENSOR   stop or start the switches of a tag
+
+    ``where``: named in the error.
+    """
+    time, *rest = text.split() or [""]
+    kind, *arguments = rest or [""]
+    try:
+        ticks = round(float(time) * TICK_RATE)
+    except (ValueError, OverflowError):
+        ticks = -1
+    if ticks < 0:
+        raise InputError(where, "must begin with a time in seconds, not negative", text)
+    if kind not in _KINDS:
+        raise InputError(where, f"must be one of: {GRAMMAR}", text)
+    name = _KINDS[kind][0]
+    form = f"TIME {kind} {name}"
+    if len(arguments) != 1:
+        raise InputError(where, f"must have the form {form}", text)
+    (argument,) = arguments
+    if name == "sensor":
+        return Fault(ticks, kind, argument)
+    try:
+        number = int(argument)
+    except ValueError:
+        raise InputError(where, f"{name} must be a number in {form}", text) from None
+    if not 1 <= number <= _MOST:
+        raise InputError(where, f"{name} must be 1 to {_MOST:g} in {form}", text)
+    return Fault(ticks, kind, number)
 
 
 class Device:
@@ -222,19 +297,19 @@ class Device:
 
     def _due_faults(self):
         """Faults that are due, earliest first; they leave the queue."""
-        origin, now = self._hardware.origin, self._hardware.clock.ticks
-        if origin is None:
+        begun, now = self._hardware.receive.stream_start, self._hardware.clock.ticks
+        if begun is None:
             return []
-        due = [fault for fault in self._faults if origin + fault.time <= now]
-        self._faults = [fault for fault in self._faults if origin + fault.time > now]
+        due = [fault for fault in self._faults if begun + fault.time <= now]
+        self._faults = [fault for fault in self._faults if begun + fault.time > now]
         return sorted(due, key=lambda fault: fault.time)
 
     def _until_event(self, start, end):
         """End a step where something must act, or where a host may want to answer."""
-        hardware = self._hardware
-        if self._faults and hardware.origin is not None:
-            end = min(end, max(hardware.origin + min(fault.time for fault in self._faults), start))
-        return hardware.next_event(start, end)
+        begun = self._hardware.receive.stream_start
+        if self._faults and begun is not None:
+            end = min(end, max(begun + min(fault.time for fault in self._faults), start))
+        return self._hardware.next_event(start, end)
 
     def _step(self, start, end):
         """Everything that happens between two ticks: transmit, receive, then what is due."""

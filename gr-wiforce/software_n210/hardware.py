@@ -89,22 +89,16 @@ _ALL_ONES = 0xFFFFFFFF
 class Registers:
     """Setting registers by index, readback words by index."""
 
-    def __init__(self, clock):
+    def __init__(self, clock, *blocks):
+        """``blocks``: base, count, and a function of register - base and value, of each."""
         self._clock = clock
-        self._blocks = {}
-        self.attach(SR_TIME, 6, clock.poke)
-
-    def attach(self, base, count, poke):
-        """Pass writes to ``base .. base + count - 1`` on to ``poke(register - base, value)``."""
-        for register in range(count):
-            self._blocks[base + register] = (poke, register)
+        self._blocks = (SR_TIME, 6, clock.poke), *blocks
 
     def poke(self, index, value):
         """Write a setting register; registers without a block are ignored."""
-        block = self._blocks.get(index)
-        if block is not None:
-            poke, register = block
-            poke(register, value)
+        for base, count, poke in self._blocks:
+            if base <= index < base + count:
+                poke(index - base, value)
 
     def peek(self, index):
         """A readback word."""
@@ -328,10 +322,7 @@ _IDLE_STEP_TICKS = 10_000_000
 
 
 class Hardware:
-    """Registers, streams and air of one device, at an ``address`` that its EEPROM states.
-
-    ``origin`` is the tick of the first sample received in this session.
-    """
+    """Registers, streams and air of one device, at an ``address`` that its EEPROM states."""
 
     def __init__(self, air, address, tx_socket_bytes=None, on_close=lambda: None):
         self.air = air
@@ -339,9 +330,16 @@ class Hardware:
         self.transmit = TransmitChain(self.clock, air, tx_socket_bytes)
         self.receive = ReceiveChain(self.clock, air)
         self.front_end = air.front_end = FrontEnd(self.transmit.dsp)
-        self.origin = None
         self._on_close = on_close
-        registers = self._registers()
+        registers = Registers(
+            self.clock,
+            (SR_SPI, 3, self.front_end.poke_spi),
+            (SR_GPIO, 5, self.front_end.poke_gpio),
+            (SR_TX_CONTROL, 6, self.transmit.poke),
+            (SR_TX_DSP, 3, self.transmit.dsp.poke),
+            (SR_RX_CONTROL, 9, self.receive.poke),
+            (SR_RX_DSP, 3, self.receive.dsp.poke),
+        )
         self.fifo = Fifo(registers, self.clock)
         self.control = Control(registers, _i2c_bus(address), self._end_session)
 
@@ -376,10 +374,7 @@ class Hardware:
     def run(self, start, end):
         """Let both directions run up to ``end``; packets to send, and the size of each."""
         self.transmit.run(start, end)
-        packets = self.receive.run(start, end)
-        if self.origin is None:
-            self.origin = self.receive.stream_start
-        return packets
+        return self.receive.run(start, end)
 
     def advance(self, tick):
         """Move the clock to `tick`, up to which everything has run."""
@@ -388,11 +383,10 @@ class Hardware:
 
     def status(self):
         """State and counters as a dict of plain values."""
+        begun = self.receive.stream_start
         return {
             "device_time_s": self.clock.time / TICK_RATE,
-            "streaming_s": 0.0
-            if self.origin is None
-            else (self.clock.ticks - self.origin) / TICK_RATE,
+            "streaming_s": 0.0 if begun is None else (self.clock.ticks - begun) / TICK_RATE,
             "rx_streaming": self.receive.active,
             "tx_streaming": self.transmit.in_burst,
             "tx_carrier_hz": self.front_end.tx_carrier_hz,
@@ -407,21 +401,10 @@ class Hardware:
             **self.air.status(),
         }
 
-    def _registers(self):
-        registers = Registers(self.clock)
-        registers.attach(SR_SPI, 3, self.front_end.poke_spi)
-        registers.attach(SR_GPIO, 5, self.front_end.poke_gpio)
-        registers.attach(SR_TX_CONTROL, 6, self.transmit.poke)
-        registers.attach(SR_TX_DSP, 3, self.transmit.dsp.poke)
-        registers.attach(SR_RX_CONTROL, 9, self.receive.poke)
-        registers.attach(SR_RX_DSP, 3, self.receive.dsp.poke)
-        return registers
-
     def _end_session(self):
         """Return to the state after power-on, for the next host."""
         self.receive.stop()
         self.receive.stream_start = None
-        self.origin = None
         self.air.restart()
         self._on_close()
 

@@ -6,7 +6,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.radio import Adc
 
-from .frontend import FULL_SCALE, REFERENCE_GAIN_DB, Cable, SampleHistory, amplitude
+from .frontend import FULL_SCALE, REFERENCE_GAIN_DB, Cable, amplitude
 from .wire import TICK_RATE
 
 # A sounding waveform of this amplitude (its mean preamble power is the square), at the board's
@@ -33,12 +33,7 @@ class SceneAir(Cable):
     def restart(self):
         super().restart()
         self._channel = AirChannel(self._scene)  # an InputError for one that cannot be simulated
-        self._received = SampleHistory()
-        self._origin, self._next = None, 0
-
-    def forget(self, tick):
-        super().forget(tick)
-        self._received.forget(tick)
+        self._next = 0
 
     def transmit(self, tick, spacing, samples):
         level = amplitude(self.front_end.tx_gain_db - REFERENCE_GAIN_DB)
@@ -47,9 +42,17 @@ class SceneAir(Cable):
     def receive(self, chain, tick, spacing, count):
         if chain.stream_start is None:
             return np.zeros(count, np.complex64)
-        self._continue_at(chain, tick, spacing)
-        self._advance(chain, tick + (count - 1) * spacing, spacing)
-        return self._received.take(tick, spacing, count)
+        position = -(-(tick - chain.stream_start) // spacing)
+        if position != self._next:
+            self._channel.restart(position)
+        self._next = position + count
+        sent = self._sent.take(tick - self._delay, spacing, count)
+        if not self._is_tuned(spacing):
+            sent[:] = 0
+        received = self._channel.process(sent, position)
+        received = self.front_end.to_receive_carrier(received, chain, tick, spacing)
+        codes = self._adc.codes(received * amplitude(self.front_end.rx_gain_db - REFERENCE_GAIN_DB))
+        return (codes.astype(np.float32) / np.float32(FULL_SCALE)).view(np.complex64)
 
     def sensor(self, name):
         if name not in self._channel.sensors:
@@ -57,46 +60,16 @@ class SceneAir(Cable):
             raise InputError("sensor", f"must be one of the scene's ({known})", name)
         return self._channel.sensors[name]
 
-    @property
-    def time_s(self):
-        """Time of the next sample that is received."""
-        return self._next * self._spacing / TICK_RATE
-
     def status(self):
-        """Current force, location and touch of each sensor."""
-        states = self._channel.touch_state([self.time_s])
+        """Force, location and touch of each sensor at the next sample that is received."""
+        states = self._channel.touch_state([self._next * self._spacing / TICK_RATE])
         return {"sensors": {name: _plain(state) for name, state in states.items()}}
-
-    def _continue_at(self, chain, tick, spacing):
-        """Continue the channel at `tick`."""
-        if self._origin is None:
-            self._origin = chain.stream_start
-        position = -(-(tick - self._origin) // spacing)
-        if position != self._next:
-            self._channel.restart(position)
-            self._next = position
 
     def _is_tuned(self, spacing):
         """Whether rate and transmit carrier are the scene's, but for rounding."""
         wanted_hz = self._scene.radio.center_frequency_hz
         offset_hz = abs(self.front_end.tx_carrier_hz - wanted_hz)
         return spacing == self._spacing and offset_hz <= _CARRIER_TOLERANCE * wanted_hz
-
-    def _advance(self, chain, last_tick, spacing):
-        """Run the channel until it covers `last_tick`."""
-        count = (last_tick - self._origin) // spacing + 1 - self._next
-        if count <= 0:
-            return
-        tick = self._origin + self._next * spacing
-        sent = self._sent.take(tick - self._delay, spacing, count)
-        if not self._is_tuned(spacing):
-            sent[:] = 0
-        received = self._channel.process(sent, self._next)
-        received = self.front_end.to_receive_carrier(received, chain, tick, spacing)
-        codes = self._adc.codes(received * amplitude(self.front_end.rx_gain_db - REFERENCE_GAIN_DB))
-        samples = codes.astype(np.float32) / np.float32(FULL_SCALE)
-        self._received.append(tick, spacing, samples.view(np.complex64))
-        self._next += count
 
 
 def _plain(state):

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 from command_runs import run_command
 from gnuradio.wiforce.errors import InputError
-from software_n210.device import Device
-from software_n210.faults import parse_fault
+from software_n210.device import Device, parse_fault
 from software_n210.frontend import Cable
 
 CONTROL, TX = 49152, 49157
