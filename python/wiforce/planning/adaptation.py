@@ -10,7 +10,7 @@ import numpy as np
 
 from ..estimation.clocks.tracked_tag import TagClock
 from ..estimation.room.clock_lines import measured
-from ..estimation.room.sources import RoomLine, Source
+from ..estimation.room.sources import Source
 from ..estimation.room.survey import LONGEST_S, SHORTEST_S, Survey, survey_folded
 from ..signal.lines import CLUTTER_MARGIN, RoomNoise
 from ..signal.switching import harmonics
@@ -97,44 +97,28 @@ def readapted(current: Plan, plan: Plan, survey: Survey) -> Plan:
         _same_clocks(current.clocks, better.clocks)
         and _same_clocks(current.others, better.others)
         and current.clutter_hz >= better.clutter_hz
-        and _reads_as_well(current, better, survey)
+        and len(current.table.tones) == len(better.table.tones)
     )
+    if suits:
+        solved = [each for each in survey.sources if _clock_of(each, survey) in better.others]
+        # In one subcarrier: surveys of the same lamps differ by more than averages may.
+        room = survey.noise(plan.group_length, better.clutter_hz, solved, averaged=False)
+        noise, least = (_noise_of_tones(each.table, room) for each in (current, better))
+        suits = bool(np.all(noise <= _AS_GOOD * least))
     return current if suits else better
 
 
-def _reads_as_well(plan: Plan, other: Plan, survey: Survey) -> bool:
-    """Whether a plan has about as little noise in its tones, in a room, as another."""
-    noise, least = _noise_of_tones(plan, survey), _noise_of_tones(other, survey)
-    return len(noise) == len(least) and bool(np.all(noise <= _AS_GOOD * least))
-
-
-def _solved(plan: Plan, survey: Survey) -> list[Source]:
-    """Sources of a survey that a plan solves for."""
-    return [
-        source
-        for source in survey.sources
-        if source.kind == "tag"
-        and any(_agree(clock, _clock_of(source, survey)) for clock in plan.others)
-    ]
-
-
 def _same_clocks(clocks: Sequence[TagClock], others: Sequence[TagClock]) -> bool:
-    """Whether two lists hold the same clocks, in any order."""
-    return len(clocks) == len(others) and all(
-        any(_agree(clock, other) for other in others) for clock in clocks
+    """Whether two lists hold the same clocks within the tolerance of the first, in any order."""
+    one, other = (sorted(each, key=lambda clock: clock.clock_hz) for each in (clocks, others))
+    return len(one) == len(other) and all(
+        abs(a.clock_hz - b.clock_hz) <= 1e-6 * a.tolerance_ppm * a.clock_hz
+        for a, b in zip(one, other, strict=True)
     )
 
 
-def _agree(clock: TagClock, other: TagClock) -> bool:
-    """Whether a clock lies within the tolerance of another."""
-    return abs(clock.clock_hz - other.clock_hz) <= 1e-6 * clock.tolerance_ppm * clock.clock_hz
-
-
-def _noise_of_tones(plan: Plan, survey: Survey) -> np.ndarray:
+def _noise_of_tones(table: ToneTable, room: RoomNoise) -> np.ndarray:
     """Variance of the noise in each tone, the white noise of a snapshot being 1."""
-    table, clutter_hz = plan.table, plan.clutter_hz
-    # In one subcarrier: surveys of the same lamps differ by more than averages may.
-    room = survey.noise(table.group_length, clutter_hz, _solved(plan, survey), averaged=False)
     power = np.sum(np.abs(table.weights) ** 2, axis=1)
     return np.asarray((1 + room_noise_of_tones(table, room)) * power)
 
@@ -191,14 +175,6 @@ def _with_band(plan: Plan, survey: Survey) -> Plan:
         if wider.separable:
             return wider
     return plan
-
-
-def added_noise(table: ToneTable, lines: Sequence[RoomLine]) -> np.ndarray:
-    """Noise (M,) by lines in tones over white: sum p (|w(f)|^2 + |w(-f)|^2) / |w|^2."""
-    hertz = np.array([line.frequency_hz for line in lines])
-    power = np.array([line.power for line in lines])
-    noise = RoomNoise(hertz, power, table.group_length, table.snapshot_period_s)
-    return room_noise_of_tones(table, noise)
 
 
 def surveyed_snapshots(plan: Plan) -> int:

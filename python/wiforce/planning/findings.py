@@ -16,8 +16,8 @@ from ..estimation.room.clock_lines import clock_beyond
 from ..estimation.room.sources import SLOWEST_TAG_HZ, Source
 from ..estimation.room.survey import Survey
 from ..scene.schema import LOOSEST_CLOCK_PPM
-from ..signal.lines import COINCIDING_BINS, STRONG_LINES, aliased_hz
-from .adaptation import NEGLIGIBLE, added_noise
+from ..signal.lines import COINCIDING_BINS, STRONG_LINES, RoomNoise, aliased_hz
+from .adaptation import NEGLIGIBLE, room_noise_of_tones
 from .clocks import line_numbers
 from .plan import Plan
 
@@ -238,8 +238,11 @@ class _Report:
             return "solved for, like the scene's own tags", True
         if all(line.frequency_hz <= self._adapted.clutter_hz for line in lines):
             return f"rejected by the weights up to {self._adapted.clutter_hz:.0f} Hz", False
-        weight = self._survey.weight(source, self._plan.group_length)
-        if weight * added_noise(self._table, lines).max() < NEGLIGIBLE:
+        length = self._plan.group_length
+        hertz, power = np.array([(line.frequency_hz, line.power) for line in lines]).T
+        power *= self._survey.weight(source, length)
+        room = RoomNoise(hertz, power, length, self._survey.snapshot_period_s)
+        if room_noise_of_tones(self._table, room).max() < NEGLIGIBLE:
             return "does not reach the lines of the tags", False
         if self._adapted.room is not None:
             return "treated as noise, which the weights suppress", True
@@ -256,10 +259,8 @@ class _Report:
             apart_hz = np.abs(np.subtract.outer(own_hz, lines_hz)).min(axis=1, initial=np.inf)
             near = np.array(STRONG_LINES)[apart_hz < COINCIDING_BINS / plan.group_period_s]
             if len(near):
-                texts += (
-                    f"; coincides with {line_numbers(near.tolist())} of '{name}': readings are "
-                )
-                texts += "uncertain; choose another clock (`plan --clocks`)"
+                texts += f"; coincides with {line_numbers(near.tolist())} of '{name}': readings "
+                texts += "are uncertain; choose another clock (`plan --clocks`)"
         return texts
 
 

@@ -6,11 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from gnuradio.wiforce.estimation.clocks.tracked_tag import TagClock
-from gnuradio.wiforce.estimation.room.sources import RoomLine
 from gnuradio.wiforce.estimation.room.survey import survey_channel
 from gnuradio.wiforce.planning.adaptation import (
     adapted,
-    added_noise,
     expecting_snr,
     room_noise_of_tones,
 )
@@ -308,13 +306,10 @@ def test_whitened_tones_have_unit_variance_in_that_room(disturbed):
     assert np.abs(correlation).max() < 6 / np.sqrt(trials)
 
 
-def test_added_noise_equals_that_of_covariance():
-    """``findings`` judges each line by the plan's weights, ``adapted`` the room as a whole."""
+def test_noise_of_tones_equals_that_of_covariance():
     table = design_weights([1040.0], 400, T, 100.0)
-    lines = [RoomLine(hertz, power) for hertz, power in zip(LINES, POWER, strict=True)]
     expected = np.einsum("mn,nk,mk->m", table.weights, covariance(400), table.weights.conj()).real
     expected = expected / np.sum(np.abs(table.weights) ** 2, axis=1) - 1
-    assert added_noise(table, lines) == pytest.approx(expected, rel=1e-6)
     whole = room_noise_of_tones(table, RoomNoise(LINES, POWER, 400, T))
     assert whole == pytest.approx(expected, rel=1e-6)
 
