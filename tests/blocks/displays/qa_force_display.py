@@ -3,7 +3,6 @@
 
 import math
 import sys
-import threading
 
 import numpy as np
 import pmt
@@ -129,19 +128,6 @@ def test_track_untouched_sensor_has_no_force_and_no_location():
     kept.add(Reading(1.1, "arm", flags=("gap",)))
     np.testing.assert_array_equal(kept.series("force_n")[1], [0.0, np.nan])
     np.testing.assert_array_equal(kept.series("location_mm")[1], [np.nan, np.nan])
-
-
-def test_display_readings_from_other_thread_faster_than_refresh_are_shown(display, qt):
-    def send():
-        for n in range(5000):
-            display.add(PRESSED | {"time_s": n * 0.001})
-
-    thread = threading.Thread(target=send)
-    thread.start()
-    while thread.is_alive():
-        display.refresh()
-    picture(display, qt)
-    assert display.latest("arm").time_s == pytest.approx(4.999)
 
 
 @pytest.mark.parametrize(

@@ -112,11 +112,9 @@ def test_command_output_that_is_an_input_is_refused(capture, tmp_path, arguments
     for suffix in (".sigmf-data", ".sigmf-meta", ".truth.csv"):
         shutil.copy(f"{capture}{suffix}", tmp_path / f"press{suffix}")
     before = (tmp_path / target).read_bytes()
-    (tmp_path / f"symbolic{ending}").symlink_to(target)
-    (tmp_path / f"hard{ending}").hardlink_to(tmp_path / target)
-    for link in ("symbolic", "hard"):
-        said = refused(*arguments, f"{link}{ending}", cwd=tmp_path)
-        assert "is the same file as the input" in said
+    (tmp_path / f"link{ending}").hardlink_to(tmp_path / target)
+    said = refused(*arguments, f"link{ending}", cwd=tmp_path)
+    assert "is the same file as the input" in said
     assert (tmp_path / target).read_bytes() == before
 
 

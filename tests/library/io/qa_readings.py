@@ -304,13 +304,15 @@ def test_rotation_bad_limits_refused(limits, keep, words):
         Rotation.of(limits, keep)
 
 
-def test_standard_output_cannot_be_continued():
+def test_standard_output_and_parquet_cannot_be_continued():
     for option, more in (
         ("append", {"append": True}),
         ("rotate", {"rotation": Rotation.of(["1h"])}),
     ):
         with pytest.raises(InputError, match=f"--{option}: needs a file"):
             open_writer(None, **more)
+        with pytest.raises(InputError, match="nothing can be appended to Parquet; use .csv or"):
+            open_writer("out.parquet", **more)
 
 
 @pytest.mark.parametrize("rotation", [Rotation(), Rotation(size_bytes=100)])

@@ -110,20 +110,16 @@ def test_keys_that_cannot_be_used_are_refused(folders, tmp_path):
         ServerKeys.load(own)
     (own / "server.key_secret").chmod(0o640)  # a group is the administrator's choice
     ServerKeys.load(own)
+    for name in ("robot", "second"):
+        (own / "clients" / f"{name}.key").write_text("nothing")
+    with pytest.raises(InputError, match="must hold the public key of a client"):
+        ServerKeys.load(own)
     (own / "server.key_secret").write_text("nothing")
     with pytest.raises(InputError, match="must be a ZMQ certificate"):
         ServerKeys.load(own)
     (own / "server.key_secret").write_bytes((own / "server.key").read_bytes())
     (own / "server.key_secret").chmod(0o600)
     with pytest.raises(InputError, match="must hold a secret key"):
-        ServerKeys.load(own)
-
-
-def test_server_keys_without_a_client_are_refused(folders):
-    own, _ = folders
-    (own / "clients" / "robot.key").unlink()
-    (own / "clients" / "broken.key").write_text("nothing")
-    with pytest.raises(InputError, match="must hold the public key of a client"):
         ServerKeys.load(own)
 
 
@@ -164,15 +160,9 @@ def test_publisher_with_keys_sends_to_authorised_subscribers_only(folders):
     with ExitStack() as held:
         context = held.enter_context(zmq.Context())
         subscribers = {}
-        for name, keys in (
-            ("known", ClientKeys.load(own)),
-            ("strange", strange_keys(own, other)),
-            ("wrong server", ClientKeys.load(other)),
-            ("none", None),
-        ):
+        for name, keys in (("known", ClientKeys.load(own)), ("strange", strange_keys(own, other))):
             subscribers[name] = held.enter_context(context.socket(zmq.SUB))
-            if keys is not None:
-                keys.apply(subscribers[name])
+            keys.apply(subscribers[name])
             subscribers[name].connect(f"tcp://127.0.0.1:{port}")
             subscribers[name].subscribe("")
         stamp = {"run": "1"}
@@ -183,8 +173,7 @@ def test_publisher_with_keys_sends_to_authorised_subscribers_only(folders):
         while time.monotonic() < end:
             publisher.send("heartbeat", {})
             time.sleep(0.02)
-        received = {name: bool(each.poll(0)) for name, each in subscribers.items()}
-        assert received == {"known": True, "strange": False, "wrong server": False, "none": False}
+        assert known.poll(0) and not subscribers["strange"].poll(0)
     publisher.close()
 
 
