@@ -3,7 +3,8 @@
 
 #include "../types.h"
 
-#include <memory>
+#include <functional>
+#include <vector>
 
 namespace gr::wiforce::kernel {
 
@@ -18,20 +19,22 @@ class fourier_transform
 public:
     // length >= 1.
     explicit fourier_transform(int length);
-    ~fourier_transform();
     fourier_transform(const fourier_transform&) = delete;
     fourier_transform& operator=(const fourier_transform&) = delete;
 
-    int length() const { return d_length; }
+    int length() const { return static_cast<int>(d_input.size()); }
     // Where the next execute() finds x.
-    fc32* input();
+    fc32* input() { return d_input.data(); }
     // X, valid until the next call.
-    const fc32* execute();
+    const fc32* execute()
+    {
+        d_transform(d_input.data(), d_output.data());
+        return d_output.data();
+    }
 
 private:
-    struct plan;
-    const int d_length;
-    const std::unique_ptr<plan> d_plan;
+    std::vector<fc32> d_input, d_output;
+    const std::function<void(fc32* input, fc32* output)> d_transform;
 };
 
 } // namespace gr::wiforce::kernel

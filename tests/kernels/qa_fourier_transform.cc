@@ -3,7 +3,7 @@
 #include <boost/test/unit_test.hpp>
 
 // In place of the one that the library was built with.
-#include <kernel/fourier/fourier_transform_plain.cc>
+#include <kernel/fourier/fourier_transform.cc>
 
 #include <cmath>
 #include <complex>
