@@ -95,8 +95,11 @@ public:
     template <class Sample>
     void take(const Sample* samples, std::uint64_t count, std::uint64_t position)
     {
-        if (position < d_end && !d_interrupted)
-            add(samples, count, position);
+        if (position >= d_end || d_interrupted)
+            return;
+        add_frames(samples, count, position, d_begin, d_end, d_sum);
+        if (position + count >= d_end)
+            d_complete.store(true, std::memory_order_release);
     }
 
     // Samples are lost here: frames behind them may come at another place.
@@ -106,10 +109,7 @@ public:
     std::vector<complex> mean() const;
 
 private:
-    template <class Sample>
-    void add(const Sample* samples, std::uint64_t count, std::uint64_t position);
-
-    const std::uint64_t d_length, d_begin, d_end;
+    const std::uint64_t d_begin, d_end;
     std::vector<complex> d_sum;
     bool d_interrupted = false;
     std::atomic<bool> d_complete{ false };

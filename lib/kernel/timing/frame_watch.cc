@@ -31,40 +31,19 @@ frame_watch::frame_watch(int frame_length, std::uint64_t origin)
     : d_length(frame_length),
       d_origin(origin),
       d_begin(origin),
-      d_sum(2 * d_length),
+      d_sum(frame_length),
       d_fourier(frame_length)
 {
 }
-
-template <class Sample>
-void frame_watch::take(const Sample* samples, std::uint64_t count, std::uint64_t position)
-{
-    const std::uint64_t end = position + count;
-    const auto* parts = reinterpret_cast<const typename Sample::value_type*>(samples);
-    for (std::uint64_t at = std::max(position, d_begin); at < end;) {
-        const std::uint64_t place = (at - d_begin) % d_length;
-        const std::uint64_t run = std::min(d_length - place, end - at);
-        const auto* in = parts + 2 * (at - position);
-        float* sum = d_sum.data() + 2 * place;
-        for (std::uint64_t i = 0; i < 2 * run; i++)
-            sum[i] += in[i];
-        at += run;
-    }
-}
-
-template void frame_watch::take(const fc32*, std::uint64_t, std::uint64_t);
-template void frame_watch::take(const sc16*, std::uint64_t, std::uint64_t);
 
 // The average, of unit energy and without its mean, since a DC offset is no part of a
 // frame; empty when there is no signal.
 frame_watch::profile frame_watch::average() const
 {
-    profile now(d_length);
+    profile now = d_sum;
     fc32 mean = 0;
-    for (std::uint64_t i = 0; i < d_length; i++) {
-        now[i] = { d_sum[2 * i], d_sum[2 * i + 1] };
-        mean += now[i] / float(d_length);
-    }
+    for (const fc32& value : now)
+        mean += value / float(d_length);
     float energy = 0;
     for (fc32& value : now) {
         value -= mean;
@@ -85,7 +64,7 @@ int frame_watch::decide()
     d_searching = d_mismatch.empty() ? 0 : d_searching + 1;
     // A loss within an average shows in the next two; noise never matches.
     const bool settled = d_searching % LONGEST_SEARCH == 0;
-    std::fill(d_sum.begin(), d_sum.end(), 0.0f);
+    std::fill(d_sum.begin(), d_sum.end(), fc32());
     d_begin += (settled ? PERIOD : AVERAGED) * d_length;
     return shift;
 }
@@ -140,7 +119,7 @@ void frame_watch::restart(std::uint64_t position)
 {
     const std::uint64_t past = position > d_origin ? position - d_origin : 0;
     d_begin = d_origin + (past + d_length - 1) / d_length * d_length;
-    std::fill(d_sum.begin(), d_sum.end(), 0.0f);
+    std::fill(d_sum.begin(), d_sum.end(), fc32());
 }
 
 } // namespace gr::wiforce::kernel

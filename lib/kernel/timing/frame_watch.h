@@ -11,6 +11,28 @@
 
 namespace gr::wiforce::kernel {
 
+// Adds samples that follow each other from `position` on to sums over frames, of which
+// the first begins at `begin`; those before it, and from `end` on, are ignored.
+template <class Sample, class Sum>
+void add_frames(const Sample* samples,
+                std::uint64_t count,
+                std::uint64_t position,
+                std::uint64_t begin,
+                std::uint64_t end,
+                std::vector<Sum>& sums)
+{
+    const std::uint64_t length = sums.size();
+    end = std::min(end, position + count);
+    for (std::uint64_t at = std::max(position, begin); at < end;) {
+        const std::uint64_t place = (at - begin) % length;
+        const std::uint64_t run = std::min(length - place, end - at);
+        const Sample* const in = samples + (at - position);
+        for (std::uint64_t n = 0; n < run; n++)
+            sums[place + n] += Sum(in[n].real(), in[n].imag());
+        at += run;
+    }
+}
+
 /*
  * Monitors that the frames of a stream stay on their grid.
  *
@@ -45,7 +67,10 @@ public:
     // Takes the samples that follow each other from `position` on, none beyond
     // decision().
     template <class Sample>
-    void take(const Sample* samples, std::uint64_t count, std::uint64_t position);
+    void take(const Sample* samples, std::uint64_t count, std::uint64_t position)
+    {
+        add_frames(samples, count, position, d_begin, decision(), d_sum);
+    }
 
     // Samples by which the frames come later than the grid says, 0 <= shift <
     // frame_length.
@@ -63,10 +88,10 @@ private:
 
     const std::uint64_t d_length;
     const std::uint64_t d_origin;
-    std::uint64_t d_begin;    // of the frames that are averaged
-    std::vector<float> d_sum; // real and imaginary parts of a frame
-    int d_searching = 0;      // averages in a row that do not match
-    profile d_reference;      // empty at first
+    std::uint64_t d_begin; // of the frames that are averaged
+    profile d_sum;
+    int d_searching = 0; // averages in a row that do not match
+    profile d_reference; // empty at first
     profile d_candidate; // the next reference, unless frames moved while it was averaged
     profile d_mismatch;  // the last average that did not match; empty when one did
     fourier_transform d_fourier;
