@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <memory>
+#include <utility>
 
 namespace gr::wiforce::kernel {
 
@@ -29,7 +30,12 @@ public:
     group_collector(std::unique_ptr<doppler_transform> transform,
                     int group_length,
                     int symbol_length,
-                    std::shared_ptr<interference_screen> screen);
+                    std::shared_ptr<interference_screen> screen)
+        : d_transform(std::move(transform)),
+          d_group(group_length, symbol_length),
+          d_screen(std::move(screen))
+    {
+    }
 
     int rows() const { return d_transform->rows(); }
     // Values of a transformed group.
@@ -37,7 +43,13 @@ public:
     bool passes_snapshots() const { return d_transform->passes_snapshots(); }
 
     // Whether the group must end before this snapshot can be added.
-    bool must_end_before(std::uint64_t snapshot) const;
+    bool must_end_before(std::uint64_t snapshot) const
+    {
+        const std::uint64_t length = d_group.length();
+        return d_group.decided() > 0 &&
+               (snapshot / length != d_index ||
+                snapshot % length < static_cast<std::uint64_t>(d_group.decided()));
+    }
     // Whether every slot of the group is known to be present or missing.
     bool is_full() const { return d_group.decided() == d_group.length(); }
 
@@ -67,7 +79,16 @@ public:
 
     // Ends the group, and rejects the snapshots that interference hit, or marks them
     // where snapshots are passed on; returns whether it has any, rejected ones included.
-    bool end();
+    bool end()
+    {
+        d_group.finish();
+        if (d_transform->rejects_interference() || d_transform->passes_snapshots()) {
+            const auto& marks = d_screen->examine(d_group);
+            if (d_transform->rejects_interference() && d_screen->rejected() > 0)
+                d_group.reject(marks);
+        }
+        return d_group.present() + d_group.rejected() > 0;
+    }
     // Of the group that ended:
     std::uint64_t index() const { return d_index; }
     const phase_group& group() const { return d_group; }
@@ -77,7 +98,11 @@ public:
     int marked() const { return d_screen->rejected(); }
     void transform(fc32* out) { d_transform->transform(d_group, out); }
 
-    void clear();
+    void clear()
+    {
+        d_group.clear();
+        d_saturated = 0;
+    }
 
 private:
     const std::unique_ptr<doppler_transform> d_transform;
