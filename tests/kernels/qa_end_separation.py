@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.clocks.likelihood import PhaseLikelihood
+from gnuradio.wiforce.estimation.clocks.likelihood import PhaseLikelihood, evaluate, turned_by
 from gnuradio.wiforce.estimation.groups import GroupWeights
 from gnuradio.wiforce.signal.switching import switch_averages
 from gnuradio.wiforce.signal.weights import design_weights
@@ -22,6 +22,12 @@ RATES = 2 * np.pi * np.array(CLOCKS_HZ)
 PHASES, PPM, PULSES = (0.4, 2.0), (3.0, -5.0), [(0.1, 0.25, 0.24), (0.0, 0.25, 0.25)]
 PLACES, TAGS = (0, 2), 3  # of the locked tags, among all
 NARROW = 7  # the subcarrier of another transmitter in a group
+
+
+def at(likelihood, phase, tones):
+    """J, J' and J'' at a phase, of tones (M, K)."""
+    covariance = likelihood.covariance(tones[likelihood.rows], np.full(SUBCARRIERS, NOISE))
+    return evaluate(turned_by(likelihood.coefficients(covariance), phase))
 
 
 class Run:
@@ -74,11 +80,8 @@ class Run:
         found = []
         for tag, likelihood in enumerate(self.likelihoods):
             phase = PHASES[tag] + 0.004 * (tag + 1)
-            own = self.tones[:1, likelihood.rows]
-            center = np.array([phase + RATES[tag] * self.center_s[0]])
-            energy, _, curvature = likelihood.kernel.at(
-                center, own, np.full(SUBCARRIERS, 1 / NOISE)
-            )[0]
+            center = phase + RATES[tag] * self.center_s[0]
+            energy, _, curvature = at(likelihood, center, self.tones[0])
             clock = clock_tracker()
             clock.phase, clock.rate = phase, RATES[tag] * 1e-6 * PPM[tag]
             clock.variances, clock.nominal_rate = (1e-5, 0.0, 1e-4), RATES[tag]
@@ -184,11 +187,7 @@ def test_kernel_expects_less_of_a_group_that_lacks_snapshots(run):
     likelihood, tracker, lacking = run.likelihoods[0], run.trackers()[0], slice(5, 6)
     tags = [locked(run, tracker)]
     center_s, tones, before = run.center_s[lacking], run.tones[lacking], tracker.energy
-    energy = likelihood.kernel.at(
-        np.array([tracker.predict(center_s[0])]),
-        tones[:, likelihood.rows],
-        np.full(SUBCARRIERS, 1 / NOISE),
-    )[0, 0]
+    energy, *_ = at(likelihood, tracker.predict(center_s[0]), tones[0])
     arrays = run.weights[lacking], center_s, [False], tones
     kernel_of().process(tags, *arrays, run.noise(), True)
     step = (NOISE * energy * 9 / 10 - before) / tracker.groups

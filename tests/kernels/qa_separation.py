@@ -7,7 +7,6 @@ from gnuradio.wiforce.estimation.groups import GroupWeights
 from gnuradio.wiforce.signal.switching import switch_averages_and_slopes
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.wiforce_kernels import (
-    clock_likelihood,
     end_fit,
     group_weights,
     noise_estimate,
@@ -81,28 +80,6 @@ def test_noise_with_a_profile_keeps_it_and_is_not_below_rounding_errors():
     plain = noise_estimate(0.036)
     plain.set(np.zeros(3), 5.0)
     np.testing.assert_allclose(plain.variance, 5e-14, rtol=1e-12)
-
-
-def test_clock_likelihood_is_the_energy_in_the_lines_of_both_ends():
-    """Its slope steers the clock of every tag."""
-    rng = np.random.default_rng(5)
-    lines = np.array([-4, -2, -1, 1, 2, 4])
-    basis = np.linalg.qr(normal(rng, 6, 2))[0]
-    turns = (-1j * lines) ** np.arange(3)[:, None]
-    kernel = clock_likelihood((basis.conj().T * turns[:, None]).reshape(6, -1), lines)
-    tones, phase = normal(rng, GROUPS, 6, SUBCARRIERS), rng.uniform(0, 6, GROUPS)
-    inverse_noise = rng.uniform(0.5, 2, SUBCARRIERS)
-
-    def energy(phases):
-        turned = np.exp(-1j * np.multiply.outer(phases, lines))[:, :, None] * tones
-        return np.sum(np.abs(basis.conj().T @ turned) ** 2, axis=1) @ inverse_noise
-
-    step = 1e-4
-    before, at, after = (energy(phase + side * step) for side in (-1, 0, 1))
-    found = kernel.at(phase, tones, inverse_noise)
-    np.testing.assert_allclose(found[:, 0], at, rtol=1e-12)
-    np.testing.assert_allclose(found[:, 1], (after - before) / (2 * step), atol=1e-4)
-    np.testing.assert_allclose(found[:, 2], (after - 2 * at + before) / step**2, atol=1e-3)
 
 
 CLOCKS_HZ, AVERAGING_S = (1000.0, 1790.0), 20.48e-6

@@ -3,7 +3,6 @@
 
 #include "../clones.h"
 #include "matrix_product.h"
-#include "phase_information.h"
 
 #include <algorithm>
 #include <cmath>

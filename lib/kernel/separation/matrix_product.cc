@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace gr::wiforce::kernel {
 
@@ -13,43 +14,26 @@ using matrix_of = std::vector<double>;
 // Eigenvalues of a singular matrix below this part of the largest one are zero.
 constexpr double negligible = 1e-9;
 
-// By Cholesky's decomposition; false where a pivot is not positive.
-bool invert(const matrix_of& matrix, std::size_t n, matrix_of& inverse)
+// In place, by Gauss and Jordan's elimination; false where a pivot is not positive.
+bool invert(matrix_of& matrix, std::size_t n)
 {
-    matrix_of lower(n * n); // its inverse from the diagonal on, column by column
-    for (std::size_t column = 0; column < n; column++) {
-        for (std::size_t row = column; row < n; row++) {
-            auto rest = matrix[row * n + column];
-            for (std::size_t i = 0; i < column; i++)
-                rest -= lower[row * n + i] * lower[column * n + i];
-            if (row > column)
-                lower[row * n + column] = rest / lower[column * n + column];
-            else if (rest > 0)
-                lower[row * n + row] = std::sqrt(rest);
-            else
-                return false;
+    for (std::size_t pivot = 0; pivot < n; pivot++) {
+        double* const from = &matrix[pivot * n];
+        const double scale = from[pivot];
+        if (!(scale > 0))
+            return false;
+        from[pivot] = 1;
+        for (std::size_t column = 0; column < n; column++)
+            from[column] /= scale;
+        for (std::size_t row = 0; row < n; row++) {
+            double* const to = &matrix[row * n];
+            if (row == pivot)
+                continue;
+            const double factor = std::exchange(to[pivot], 0.0);
+            for (std::size_t column = 0; column < n; column++)
+                to[column] -= factor * from[column];
         }
     }
-    for (std::size_t column = 0; column < n; column++)
-        for (std::size_t row = column; row < n; row++) {
-            double sum = row == column ? 1.0 : 0.0;
-            for (std::size_t i = column; i < row; i++)
-                sum -= lower[row * n + i] * inverse[i * n + column];
-            inverse[row * n + column] = sum / lower[row * n + row];
-        }
-    // Of the lower factor; that of the matrix is its square.
-    for (std::size_t row = 0; row < n; row++)
-        for (std::size_t column = 0; column <= row; column++) {
-            double sum = 0.0;
-            for (std::size_t i = row; i < n; i++)
-                sum += inverse[i * n + row] * inverse[i * n + column];
-            lower[row * n + column] = sum;
-        }
-    for (std::size_t row = 0; row < n; row++)
-        for (std::size_t column = 0; column <= row; column++) {
-            inverse[row * n + column] = lower[row * n + column];
-            inverse[column * n + row] = lower[row * n + column];
-        }
     return true;
 }
 
@@ -108,9 +92,9 @@ void pseudo_invert(const matrix_of& matrix, std::size_t size, matrix_of& inverse
 
 std::vector<double> inverse_of(const matrix_of& matrix, std::size_t n, double singular)
 {
-    matrix_of inverse(n * n);
+    auto inverse = matrix;
     double energy = 0, gain = 0;
-    if (invert(matrix, n, inverse))
+    if (invert(inverse, n))
         for (std::size_t i = 0; i < n; i++) {
             // An element on the inverse's diagonal is 1 over what the other columns leave
             // of its own.

@@ -6,7 +6,6 @@
 #include <kernel/separation/end_separation.h>
 #include <kernel/separation/group_weights.h>
 #include <kernel/separation/noise_estimate.h>
-#include <kernel/separation/phase_information.h>
 
 #include <optional>
 
@@ -228,26 +227,6 @@ py::tuple errors_of(const array<double>& gradient,
     return py::make_tuple(errors, variances);
 }
 
-py::array_t<double> likelihood_at(const clock_likelihood& of,
-                                  const array<double>& phase,
-                                  const complex_array& tones,
-                                  const array<double>& inverse_noise)
-{
-    const char* const rule = "clock_likelihood: phase must have shape (G,), tones (G, L, "
-                             "K), inverse_noise (K,)";
-    const auto [groups, lines, subcarriers] = sizes_of<3>(tones, rule);
-    require_shape(phase, { groups }, rule);
-    require_shape(tones, { groups, py::ssize_t(of.lines()), subcarriers }, rule);
-    require_shape(inverse_noise, { subcarriers }, rule);
-    py::array_t<double> found(shape{ groups, 3 });
-    for (py::ssize_t group = 0; group < groups; group++) {
-        const auto terms = of.at(
-            phase.at(group), tones.data(group, 0, 0), inverse_noise.data(), subcarriers);
-        std::copy(terms.begin(), terms.end(), found.mutable_data(group, 0));
-    }
-    return found;
-}
-
 py::array_t<double> raised_of(const array<double>& ratios, std::size_t freedom)
 {
     const char* const rule = "raised_subcarriers: ratios must have shape (G, K), K >= 1";
@@ -325,10 +304,7 @@ infinite where a phase is not determined. gradient, excess: (S,), information: (
         m, "clock_likelihood", "derivatives: (6, L). lines: (L,).")
         .def(py::init([](const complex_array& derivatives, const array<double>& lines) {
             return clock_likelihood(flat(derivatives), flat(lines));
-        }))
-        .def("at",
-             &likelihood_at,
-             "phase: (G,), rad. tones: (G, L, K). inverse_noise: (K,). Gives (G, 3).");
+        }));
     py::class_<group_weights>(
         m,
         "group_weights",
@@ -385,16 +361,6 @@ and both duty cycles.)")
         .def("predict",
              py::vectorize(&clock_tracker::predict),
              "The phase expected at a time, or at times (G,), in rad.")
-        .def(
-            "update",
-            [](clock_tracker& of,
-               double at_s,
-               const std::array<double, 3>& likelihood,
-               double noise_level) {
-                return of.update(at_s, likelihood, noise_level, nullptr);
-            },
-            R"(Correct by J, J' and J'' of a group at the phase predicted. Gives whether
-the group holds the tag.)")
         .def("expired",
              &clock_tracker::expired,
              "at_s, absent_s, unseen_s: whether the tag was absent, or not received, for "
