@@ -80,7 +80,6 @@ class RunHealth:
         self._pace = WarningPace(now)
         self.silences: dict[str, str] = {}  # what was said last of tags that were not received
         self._suspected = set()
-        self._samples, self._samples_s = 0, now()
 
     def note(self, reading: Reading) -> None:
         """Take a reading, in the thread that made it."""
@@ -129,7 +128,7 @@ class RunHealth:
                 if (name, kind) not in self._suspected:
                     self._suspected.add((name, kind))
                     self._log(f"{name}: {text}")
-        silent_s = self._samples_age_s()
+        silent_s = self._session.source.idle_s
         tares = self._stream.tares
         if tares.measuring:
             reference_s = self._stream.plan.reference_groups * self._stream.plan.group_period_s
@@ -141,7 +140,7 @@ class RunHealth:
     @property
     def state(self) -> tuple[str, str]:
         """State of the reader, as in docs/live.md, and the reason where it is not reading."""
-        session, silent_s = self._session, self._samples_age_s()
+        session, silent_s = self._session, self._session.source.idle_s
         if (without := _WITHOUT_DEVICE.get(self._device_state())) is not None:
             return without
         if session.alignment.offset is None:
@@ -205,12 +204,6 @@ class RunHealth:
     @property
     def _stream(self):
         return self._session.reader.stream
-
-    def _samples_age_s(self):
-        samples, now = self._session.source.received, self._now()
-        if samples != self._samples:
-            self._samples, self._samples_s = samples, now
-        return now - self._samples_s
 
 
 class Heartbeat:

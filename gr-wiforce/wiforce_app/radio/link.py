@@ -18,7 +18,7 @@ from multiprocessing.connection import Connection
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.device_lock import DeviceLock
 
-from ..shell.processes import spawned
+from ..shell.workers import spawned
 from .request import (
     LOST_STATUS,
     DeviceAbsent,

@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Independent tasks, run in parallel on the cores of this machine."""
+"""Processes beside the command: of a radio, of the page, and of independent tasks in parallel."""
 
 import multiprocessing
 import os
 import pickle
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 # For a process that was asked to end: what it removes are files.
@@ -18,6 +21,19 @@ _END_S = 1.0
 _TERMINATED = 128 + signal.SIGTERM
 # A worker that disappears may have been killed by another task's need for memory.
 _ATTEMPTS = 3
+
+
+def spawned(module: str, *descriptors: int) -> subprocess.Popen[bytes]:
+    """A process that runs a module of this package, whose arguments are open descriptors."""
+    packages = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
+    environment = {"PYTHONPATH": os.pathsep.join(filter(None, packages)), "PYTHONSAFEPATH": "1"}
+    return subprocess.Popen(
+        [sys.executable, "-m", module, *map(str, descriptors)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,  # GNU Radio logs there
+        env=os.environ | environment,
+        pass_fds=descriptors,
+    )
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from typing import Any
 from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher
 from gnuradio.wiforce.io.outputs import Output
 
-from ..shell.processes import spawned
+from ..shell.workers import spawned
 from .address import OPTION, PageAddress
 from .sources import ZmqSource
 

@@ -118,7 +118,7 @@ class free_fold(Kept, gr.basic_block):
         self._waveform = waveform
         self.follower = FrameFollower(waveform.frame_length)
         self._timeline = Timeline(waveform.sample_rate_hz)
-        self._gaps = self._lost = 0
+        self._gaps = 0
         # Folded vectors (n, 2, N) with their noise (n, 2, 2) and saturation (n,).
         self._waiting: list[tuple[Array, Array, Array]] = []
         self._count = self._written = 0  # vectors folded and put out
@@ -132,7 +132,7 @@ class free_fold(Kept, gr.basic_block):
 
     def samples_lost(self) -> int:
         """Number of samples that they account for."""
-        return self._lost
+        return self._timeline.lost
 
     def frames_moved(self) -> int:
         """Times that the frame timing shifted without such a tag."""
@@ -173,7 +173,6 @@ class free_fold(Kept, gr.basic_block):
                 self._fold(self.follower.lose(lost, items.shape[1]))
                 begin = at
                 self._gaps += 1
-                self._lost += lost
                 self._begins = True
         self._fold(self.follower.take(items[begin:]))
 

@@ -19,7 +19,7 @@ class Run:
     """A session of which a test says what it is in."""
 
     def __init__(self):
-        self.now_s, self.said = 0.0, []
+        self.now_s, self.heard_s, self.said = 0.0, 0.0, []
         self.problem, self.device, self.suspicions = "", RUNNING, []
         tares = SimpleNamespace(measuring=False, state=TareState())
         sensor = SimpleNamespace(name="arm", model=SimpleNamespace(length_mm=80.0))
@@ -40,7 +40,7 @@ class Run:
         )
         self.cancelled = []
         self.session = SimpleNamespace(
-            source=SimpleNamespace(received=0),
+            source=self,
             start_s=100.0,
             clock=(980.0, 0.002),
             time_s=1.0,
@@ -58,11 +58,15 @@ class Run:
             now=lambda: self.now_s,
         )
 
+    @property
+    def idle_s(self):
+        return self.now_s - self.heard_s
+
     def read(self, seconds, touch=0, flags=()):
         """Receive for so long, in steps of 0.1 s."""
         for _ in range(round(10 * seconds)):
             self.now_s += 0.1
-            self.session.source.received += 1
+            self.heard_s = self.now_s
             reading = Reading(round(self.now_s, 3), "arm", touch, flags=flags)
             self.session.reader.counts.note([reading])
             self.health.note(reading)
