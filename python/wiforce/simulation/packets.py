@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..scene import Scene
+from ..scene.effects import PacketFaults
 from .presses import TouchState
 from .random_sources import Ramp, RandomSources
 from .tag import SwitchedTag
@@ -76,34 +77,34 @@ def packets_of(scene: Scene, progress: Callable[[int], object] | None = None) ->
     shared = RandomSources(simulation.seed, 0)
     tags = [SwitchedTag(scene, i, shared, Ramp(1e6)) for i in range(len(scene.sensors))]
     seeds = shared.effect("packets")
-    time_s = _times(scene, seeds.generator(0))
+    faults = simulation.packets or PacketFaults()
+    time_s = _times(scene, faults.lost, seeds.generator(0))
     rooms = [_Room(scene, RandomSources(simulation.seed, a), hertz) for a in range(antennas)]
     phases = seeds.generator(1).uniform(0, 2 * np.pi, _MOVERS)
-    chains = _chains(scene, time_s, antennas, seeds.generator(4))
-    chains *= _wander(scene, time_s, antennas, seeds.generator(6))
+    chains = _chains(faults, time_s, antennas, seeds.generator(4))
+    chains[:, 1:] *= _wander(faults, time_s, antennas - 1, seeds.generator(6))
     pieces = []
     for first in range(0, len(time_s), _PIECE):
         piece = time_s[first : first + _PIECE]
         reflections = np.array([tag.reflection_at(piece, own.window_s) for tag in tags])
-        common = _common(scene, piece, hertz, seeds.generator(2, first))
+        turns_freely = scene.environment.reader_clock == "free"
+        common = _common(faults, turns_freely, len(piece), hertz, seeds.generator(2, first))
         channels = [room.channel(piece, reflections, phases) for room in rooms]
         common = common[:, :, None] * chains[first : first + _PIECE, None]
         pieces.append((common * np.stack(channels, axis=2)).astype(np.complex64))
         if progress is not None:
             progress(len(piece))
     channel = np.concatenate(pieces)
-    time_s, channel = _repeated(scene, time_s, channel, seeds.generator(3))
+    time_s, channel = _repeated(faults.repeated, time_s, channel, seeds.generator(3))
     named = {tag.name: tag for tag in tags}
-    time_s = _stamps(scene, time_s, seeds.generator(5))
+    time_s = _stamps(faults, time_s, seeds.generator(5))
     return SimulatedPackets(time_s, channel, hertz, named)
 
 
-def _times(scene: Scene, rng: np.random.Generator) -> np.ndarray:
-    """Times of the packets that are received, the first one at 0."""
+def _times(scene: Scene, lost: float, rng: np.random.Generator) -> np.ndarray:
+    """Times of the packets that are received, the first one at 0; a share is ``lost``."""
     assert scene.packets is not None
     interval_s, duration_s = scene.packets.interval_s, scene.simulation.duration_s
-    faults = scene.simulation.packets
-    lost = faults.lost if faults else 0.0
     # The interval is that of packets received: more are sent where some are lost.
     sent_s = interval_s * (1 - lost)
     count = int(duration_s / sent_s * 1.2) + 100
@@ -117,64 +118,55 @@ def _times(scene: Scene, rng: np.random.Generator) -> np.ndarray:
 
 
 def _common(
-    scene: Scene, time_s: np.ndarray, hertz: np.ndarray, rng: np.random.Generator
+    faults: PacketFaults,
+    turns_freely: bool,
+    count: int,
+    hertz: np.ndarray,
+    rng: np.random.Generator,
 ) -> np.ndarray:
-    """Factor of each packet and subcarrier that all antennas share; shape (n, K)."""
-    faults, count = scene.simulation.packets, len(time_s)
-    phase, gain_db, delay_s = np.zeros((3, count))
-    if scene.environment.reader_clock == "free":
-        phase = rng.uniform(0, 2 * np.pi, count)
-    if faults:
-        gain_db = faults.gain_step_db * rng.integers(-1, 2, count)
-        delay_s = faults.timing_offset_s * rng.standard_normal(count)
+    """Factor of each packet and subcarrier that all antennas share; shape (count, K)."""
+    phase = rng.uniform(0, 2 * np.pi, count) if turns_freely else np.zeros(count)
+    gain_db = faults.gain_step_db * rng.integers(-1, 2, count)
+    delay_s = faults.timing_offset_s * rng.standard_normal(count)
     turned = phase[:, None] - 2 * np.pi * np.outer(delay_s, hertz)
     common: np.ndarray = 10 ** (gain_db[:, None] / 20) * np.exp(1j * turned)
     return common
 
 
 def _chains(
-    scene: Scene, time_s: np.ndarray, antennas: int, rng: np.random.Generator
+    faults: PacketFaults, time_s: np.ndarray, antennas: int, rng: np.random.Generator
 ) -> np.ndarray:
     """Factor of each antenna by itself in each packet; shape (n, antennas)."""
     chains = np.ones((len(time_s), antennas), complex)
-    faults = scene.simulation.packets
-    if faults is None:
-        return chains
-    for antenna in range(1, antennas):
-        if faults.flips_per_s:
-            gaps_s = rng.exponential(
-                1 / faults.flips_per_s, int(2 * time_s[-1] * faults.flips_per_s) + 20
-            )
-            jumps = np.cumsum(rng.integers(1, faults.flip_phases, len(gaps_s)))
-            turns = np.append(0, jumps)[np.searchsorted(np.cumsum(gaps_s), time_s, side="right")]
-            chains[:, antenna] = np.exp(2j * np.pi * turns / faults.flip_phases)
+    for antenna in range(1, antennas if faults.flips_per_s else 0):
+        gaps_s = rng.exponential(
+            1 / faults.flips_per_s, int(2 * time_s[-1] * faults.flips_per_s) + 20
+        )
+        jumps = np.cumsum(rng.integers(1, faults.flip_phases, len(gaps_s)))
+        turns = np.append(0, jumps)[np.searchsorted(np.cumsum(gaps_s), time_s, side="right")]
+        chains[:, antenna] = np.exp(2j * np.pi * turns / faults.flip_phases)
     steps = rng.integers(-1, 2, chains.shape)
     return np.asarray(chains * 10 ** (faults.antenna_gain_step_db / 20 * steps))
 
 
 def _wander(
-    scene: Scene, time_s: np.ndarray, antennas: int, rng: np.random.Generator
+    faults: PacketFaults, time_s: np.ndarray, antennas: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Slow factor of each antenna but the first, a process of first order; shape (n, antennas)."""
-    faults, factors = scene.simulation.packets, np.ones((len(time_s), antennas), complex)
-    if faults is None or not (faults.antenna_wander_db or faults.antenna_wander_deg):
-        return factors
-    kept = np.exp(-2 * np.pi * _WANDER_HZ * np.diff(time_s, prepend=-np.inf))
-    fresh = np.sqrt(1 - kept**2)[:, None] * rng.standard_normal((len(time_s), 2 * (antennas - 1)))
-    values = np.zeros(fresh.shape)
-    for n, own in enumerate(fresh):
-        values[n] = own + (kept[n] * values[n - 1] if n else 0)
+    """Slow factor of antennas, a process of first order; shape (n, antennas)."""
+    values = np.zeros((len(time_s), 2 * antennas))
+    if faults.antenna_wander_db or faults.antenna_wander_deg:
+        kept = np.exp(-2 * np.pi * _WANDER_HZ * np.diff(time_s, prepend=-np.inf))
+        fresh = np.sqrt(1 - kept**2)[:, None] * rng.standard_normal(values.shape)
+        for n, own in enumerate(fresh):
+            values[n] = own + (kept[n] * values[n - 1] if n else 0)
     gain_db, phase_deg = np.split(values, 2, axis=1)
     exponent = faults.antenna_wander_db * np.log(10) / 20 * gain_db
-    factors[:, 1:] = np.exp(exponent + 1j * np.radians(faults.antenna_wander_deg) * phase_deg)
+    factors: np.ndarray = np.exp(exponent + 1j * np.radians(faults.antenna_wander_deg) * phase_deg)
     return factors
 
 
-def _stamps(scene: Scene, time_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _stamps(faults: PacketFaults, time_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Times as the card reports them."""
-    faults = scene.simulation.packets
-    if faults is None:
-        return time_s
     stamps = time_s + faults.stamp_jitter_s * rng.standard_normal(len(time_s))
     for at in rng.integers(1, max(len(time_s), 2), faults.clock_steps):
         stamps[at:] -= rng.uniform(1.0, 10.0)
@@ -184,11 +176,10 @@ def _stamps(scene: Scene, time_s: np.ndarray, rng: np.random.Generator) -> np.nd
 
 
 def _repeated(
-    scene: Scene, time_s: np.ndarray, channel: np.ndarray, rng: np.random.Generator
+    share: float, time_s: np.ndarray, channel: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Some packets once more, shortly after themselves."""
-    faults = scene.simulation.packets
-    again = rng.random(len(time_s)) < (faults.repeated if faults else 0.0)
+    """A share of the packets once more, shortly after themselves."""
+    again = rng.random(len(time_s)) < share
     order = np.sort(np.concatenate([np.arange(len(time_s)), np.flatnonzero(again)]))
     second = np.concatenate([[False], np.diff(order) == 0])
     times = time_s[order]

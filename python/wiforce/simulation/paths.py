@@ -2,6 +2,7 @@
 """Propagation paths: static ones, those by way of tags, and those by way of what moves."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -234,15 +235,27 @@ class Person:
         delay = rng.uniform(BASE_DELAY + 0.5, LAST_DELAY - 0.1)
         # Start, end, Doppler frequency of the trunk, and way in cycles before each walk.
         self._walks = np.zeros((1, 4))
-        stride = 2 * STRIDE_M / self._wavelength_m  # in cycles of the carrier, two ways
-        self.limbs = [
-            Limb(
-                self, np.sqrt(power), swing, stride, phase, delay + 0.1 * rng.random(), rng.random()
-            )
-            for power, swing, phase in LIMBS
+        self._stride = 2 * STRIDE_M / self._wavelength_m  # in cycles of the carrier, two ways
+        # Delay in samples, and start in cycles, of each limb.
+        self._limbs = [(delay + 0.1 * rng.random(), rng.random()) for _ in LIMBS]
+
+    def paths(self) -> "list[tuple[np.ndarray, float, Callable]]":
+        """Taps, amplitude and gain, a function of time, of each of :data:`LIMBS`."""
+        return [
+            (delay_taps(delay, 4), float(np.sqrt(power)), partial(self._gain, swing, phase, start))
+            for (power, swing, phase), (delay, start) in zip(LIMBS, self._limbs, strict=True)
         ]
 
-    def way(self, time_s: np.ndarray) -> np.ndarray:
+    def _gain(self, swing: float, phase: float, start: float, time_s: np.ndarray) -> np.ndarray:
+        """Gain of a limb, of magnitude 1, that swings by up to ``swing`` of the trunk's speed."""
+        way = self._way(time_s)
+        strides = way / self._stride + phase
+        swung = swing * self._stride / (2 * np.pi) * np.sin(2 * np.pi * strides)
+        breath = np.sin(2 * np.pi * (_BREATHING_HZ * time_s + self._breath))
+        chest = 2 * _BREATHING_M / self._wavelength_m * breath
+        return np.exp(2j * np.pi * ((way + swung + chest + start) % 1))
+
+    def _way(self, time_s: np.ndarray) -> np.ndarray:
         """Way of the trunk towards the antennas, in cycles of the carrier, counted both ways."""
         self._extend(float(np.max(time_s, initial=0.0)))
         latest = np.searchsorted(self._walks[:, 0], time_s, "right") - 1
@@ -254,11 +267,6 @@ class Person:
         full = np.clip(inside - ramp, 0, end - start - 2 * ramp)
         walked = rising + full + ramp / 2 - falling
         return before + hertz * walked
-
-    def breath(self, time_s: np.ndarray) -> np.ndarray:
-        """Movement of the chest, in cycles of the carrier, counted both ways."""
-        swing = np.sin(2 * np.pi * (_BREATHING_HZ * time_s + self._breath))
-        return 2 * _BREATHING_M / self._wavelength_m * swing
 
     def _extend(self, until_s: float) -> None:
         """Draw walks until one begins after ``until_s``."""
@@ -274,36 +282,6 @@ class Person:
             ways = before + last + np.cumsum(np.r_[0, lengths[:-1]])
             new = np.column_stack([starts, starts + durations, hertz, ways])
             self._walks = np.concatenate([self._walks, new])
-
-
-class Limb:
-    """A part of a person that reflects, and swings about the trunk by up to ``swing`` of its speed.
-
-    ``stride_cycles`` are of two steps, both ways, ``phase`` in strides, ``delay`` in samples.
-    """
-
-    def __init__(
-        self,
-        person: Person,
-        amplitude: float,
-        swing: float,
-        stride_cycles: float,
-        phase: float,
-        delay: float,
-        start: float,
-    ) -> None:
-        self._person, self.amplitude = person, float(amplitude)
-        self._swing, self._stride, self._phase = swing, stride_cycles, phase
-        self._start = start
-        self.taps = delay_taps(delay, 4)
-
-    def gain(self, time_s: np.ndarray) -> np.ndarray:
-        """The path's gain, of magnitude 1."""
-        way = self._person.way(time_s)
-        strides = way / self._stride + self._phase
-        swing = self._swing * self._stride / (2 * np.pi) * np.sin(2 * np.pi * strides)
-        cycles = way + swing + self._person.breath(time_s) + self._start
-        return np.exp(2j * np.pi * (cycles % 1))
 
 
 def _ramped(elapsed: np.ndarray, ramp: np.ndarray) -> np.ndarray:
@@ -387,8 +365,7 @@ def modulated_paths(
             simulation.walker, scene.radio.center_frequency_hz, sources.effect("walker")
         )
         level = levels.amplitude(simulation.walker.level_db)
-        for limb in person.limbs:
-            paths.append(slow(limb.taps, level * limb.amplitude, limb.gain))
+        paths += [slow(taps, level * amplitude, gain) for taps, amplitude, gain in person.paths()]
     if simulation.lamps:
         lamps = MainsLamps(simulation.lamps, sources.effect("lamps"))
         paths.append(slow(lamps.taps, levels.amplitude(simulation.lamps.level_db), lamps.gain))

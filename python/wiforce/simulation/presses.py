@@ -133,13 +133,9 @@ class PressedSensor:
         """State over time."""
         time_s = np.asarray(time_s, float)
         force, location = self.force(time_s)
-        contacts = self._shown(time_s)
-        if len(contacts) == 1:
-            phases = self._phases_deg(contacts[0][0], location)
-        else:
-            reflections = np.broadcast_to(self.reflections(time_s), (len(force), 2))
-            phases = np.degrees(np.angle(reflections))
-        return TouchState(self._touching(contacts).any(axis=0), force, location, phases)
+        touch = self._touching(self._shown(time_s)).any(axis=0)
+        reflections = np.broadcast_to(self.reflections(time_s), (len(force), 2))
+        return TouchState(touch, force, location, np.degrees(np.angle(reflections)))
 
     def reflections(self, time_s: np.ndarray) -> np.ndarray:
         """G_1 / rho and G_2 / rho over time, (n, 2), or (1, 2) when nothing changes."""
@@ -231,10 +227,8 @@ class PressedSensor:
 
     def _alone(self, force: np.ndarray, location: np.ndarray) -> np.ndarray:
         """Reflections (n, 2) of one contact, (1, 2) where it is steady."""
-        steady = (force == force[0]).all() and (
-            np.isnan(location) | (location == location[0])
-        ).all()
-        if not steady:
+        same = (force == force[:1]) & (np.isnan(location) | (location == location[:1]))
+        if not (len(force) and same.all()):
             return np.exp(1j * np.deg2rad(self._phases_deg(force, location)))
         return self._steady(float(force[0]), 0.0 if force[0] == 0 else float(location[0]))
 
