@@ -24,8 +24,6 @@ SCENE = DEFAULT | {
     "radio": {"sample_rate_hz": RATE_HZ},
     "sounding": {"frame_length": FRAME, "repetitions": 3},
 }
-MORE_TAGS = copy.deepcopy(SCENE)
-MORE_TAGS["simulation"]["other_tags"] = [{"clock_hz": 1000, "level_db": 0}]
 # A slow radio with a long press, which is also in the reference where the capture is cut.
 SLOW = copy.deepcopy(SCENE) | {
     "radio": {"sample_rate_hz": 2.5e6},
@@ -145,11 +143,6 @@ def test_reader_refuses_a_scene_of_packets_for_what_it_is():
     """The message blamed the number of antennas, which follows from the packets."""
     with pytest.raises(InputError, match="packets: says that another device measures the channel"):
         wiforce.reader("wifi_packets")
-
-
-def test_reader_names_a_second_tag_on_the_same_clock(tmp_path):
-    (sentence,) = said_of(press_codes_of(MORE_TAGS, tmp_path))
-    assert "such as another tag with the same clock" in sentence
 
 
 def test_reader_names_a_press_in_the_reference_that_later_groups_solve(tmp_path):

@@ -168,20 +168,14 @@ BLOCKS = [block_id for block_id in DESCRIPTIONS if block_id.startswith("wiforce_
 
 
 @pytest.mark.parametrize("block_id", BLOCKS)
-def test_block_arguments_are_keywords_of_the_block(make_block, block_id):
-    for block in every_choice(make_block, block_id):
-        target, call = call_of(block)
+def test_block_parameters_can_all_be_set_in_grc_and_no_others(make_block, block_id):
+    default, *others = (call_of(block) for block in every_choice(make_block, block_id))
+    for target, call in (default, *others):
         assert not call.args, "an argument is given by position"
         assert {keyword.arg for keyword in call.keywords} <= parameters_of(target)
-
-
-@pytest.mark.parametrize("block_id", BLOCKS)
-def test_block_parameters_can_all_be_set_in_grc(make_block, block_id):
-    name = block_id.removeprefix("wiforce_")
-    target, call = call_of(make_block(block_id)[0])
-    given = {keyword.arg for keyword in call.keywords}
-    assert target is getattr(wiforce, name)
-    assert given == parameters_of(target)
+    target, call = default
+    assert target is getattr(wiforce, block_id.removeprefix("wiforce_"))
+    assert {keyword.arg for keyword in call.keywords} == parameters_of(target)
 
 
 @pytest.mark.parametrize(

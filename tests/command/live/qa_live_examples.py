@@ -131,15 +131,9 @@ def assert_pressed(lines):
         assert median(float(line[number]) for line in pressed) == pytest.approx(true, abs=limit)
 
 
-def test_example_live_uhd_prints_the_press(device, scene):
-    with example("live_uhd.py", args_of(device), scene) as process:
-        read(process, 1.2 / SLOW_GROUP_S)
-    assert_pressed(process.lines)
-
-
-def test_example_chain_from_usrp_prints_the_readings_of_the_reader(device, scene):
-    script = Path(__file__).with_name("chain_beside_reader.py")
-    with running(script, args_of(device), scene) as process:
+@pytest.mark.parametrize("name", ["live_uhd.py", "chain_from_usrp.py"])
+def test_example_prints_the_press(device, scene, name):
+    with example(name, args_of(device), scene) as process:
         read(process, 1.2 / SLOW_GROUP_S)
     assert_pressed(process.lines)
 

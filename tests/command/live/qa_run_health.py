@@ -99,15 +99,12 @@ def test_health_says_when_a_tag_goes_silent_and_returns(run, problem, words):
     assert words in run.said[1] and len(run.said) == 2
 
 
-def test_health_says_of_a_tag_that_comes_and_goes_at_growing_intervals(run):
+def test_health_says_rarely_of_a_tag_that_comes_and_goes(run):
     """The journal got a line every second, for days."""
-    run.read(2.0)
     for _ in range(60):
-        run.read(1.5, touch=None)
         run.read(0.5)
-    assert len(run.said) == 7 and "not received since 2.00 s" in run.said[0]
-    run.read(60.0)
-    assert len(run.said) == 8 and "received again at 121.60 s" in run.said[-1]
+        run.read(1.5, touch=None)
+    assert len(run.said) == 7
 
 
 def test_health_names_a_suspicion_once(run):
