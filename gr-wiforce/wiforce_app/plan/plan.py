@@ -7,7 +7,7 @@ import json
 import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.palette import INK, shades
+from gnuradio.wiforce.io.palette import GRID, INK, SERIES
 from gnuradio.wiforce.planning.advice import improve as proposals_for
 from gnuradio.wiforce.planning.advice import licence_note
 from gnuradio.wiforce.planning.advice import warnings as warnings_of
@@ -192,8 +192,11 @@ _PANEL_IN = 2.6
 
 def _plot_errors(settings, path):
     """Draw the standard deviations of force and location of every sensor, side by side."""
+    from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.figure import Figure
 
+    shades = LinearSegmentedColormap.from_list("errors", [GRID, SERIES[0]])
+    colors = shades(np.linspace(0, 1, _LEVELS - 1))
     count = len(settings.sensors)
     canvas = Figure(figsize=(10, 0.7 + _PANEL_IN * count), layout="constrained")
     rows = canvas.subplots(count, 2, squeeze=False, sharex="row", sharey="row")
@@ -208,7 +211,7 @@ def _plot_errors(settings, path):
             axes, np.moveaxis(spread, -1, 0), ("force (N)", "location (mm)"), strict=True
         ):
             levels = np.geomspace(values.min(), 1.01 * values.max(), _LEVELS)
-            drawn = axis.contourf(location, force, values, levels, colors=shades(_LEVELS - 1))
+            drawn = axis.contourf(location, force, values, levels, colors=colors)
             axis.contour(drawn, colors=INK, linewidths=0.6)
             canvas.colorbar(drawn, ax=axis, format="%.2g", aspect=12)
             axis.set_title(f"{sensor.name}: std of {name}", fontsize=10)

@@ -21,13 +21,3 @@ def series_style(number: int) -> dict[str, str]:
     """Colour and marker of a series for Matplotlib; the first 49 have different pairs."""
     cycle, index = divmod(number, len(SERIES))
     return {"color": SERIES[index], "marker": MARKERS[(index + cycle) % len(MARKERS)]}
-
-
-def shades(count: int) -> list[str]:
-    """Colours of rising levels for Matplotlib, from light to the first one of the series."""
-    light, dark = ([int(color[i : i + 2], 16) for i in (1, 3, 5)] for color in (GRID, SERIES[0]))
-    parts = [number / max(1, count - 1) for number in range(count)]
-    mixed = (
-        [round(a + part * (b - a)) for a, b in zip(light, dark, strict=True)] for part in parts
-    )
-    return ["#" + "".join(f"{value:02x}" for value in color) for color in mixed]

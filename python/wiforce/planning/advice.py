@@ -84,7 +84,7 @@ _NOTICEABLE_DB = 0.5
 # Group lengths that are tried: 125, 250, 625 and 1250 snapshots of the default frame.
 _GROUP_LENGTHS_S = (0.0072, 0.0144, 0.036, 0.072)
 # A reference of so many groups adds 1/12 to the variance of a reading.
-_REFERENCE_GROUPS, _FEW_REFERENCE_GROUPS = 12, 4
+_REFERENCE_GROUPS = 12
 # A proposal must lower the noise by 3 %, or shorten groups by 10 % at no more noise than that.
 _WORTHWHILE_NOISE, _WORTHWHILE_TIME = 0.97, 0.9
 
@@ -162,11 +162,6 @@ def _motion_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
             f"N_g against dynamics: a press rises in {min(fast):g} s, a phase group lasts "
             f"{period_s:.3g} s; readings while it rises are averages, flagged 'transition'"
         )
-    if plan.loss_db and max(plan.loss_db) > _NOTICEABLE_DB:
-        yield (
-            f"{plan.group_length} snapshots per group separate the lines from each other and from "
-            f"clutter at a cost of {max(plan.loss_db):.1f} dB"
-        )
     moves = scene.packets is None or scene.simulation.moving_clutter_db is not None
     if moves and scene.simulation.moving_clutter_hz > plan.clutter_hz:
         yield (
@@ -175,22 +170,12 @@ def _motion_warnings(scene: Scene, plan: Plan) -> Iterator[str]:
         )
     if scene.simulation.moves:
         yield "simulation.moves: the errors above are those of tags that stand still"
-    if plan.reference_groups < _FEW_REFERENCE_GROUPS:
-        share = 100 / (1 + plan.reference_groups)
-        yield (
-            f"the untouched reference holds {plan.reference_groups} group(s): {share:.0f} % of "
-            "the variance of every reading comes from it"
-        )
 
 
 def _receiver_warnings(scene: Scene) -> Iterator[str]:
     levels = receive_levels(scene)
     reasons = [why_not_readable(scene, i, levels) for i in range(len(scene.sensors))]
     yield from dict.fromkeys(filter(None, reasons))
-    if not levels.out_of_range:
-        cost_db = 10 * np.log10(1 + levels.quantisation / levels.noise)
-        if cost_db > _NOTICEABLE_DB:
-            yield f"ADC range: quantisation noise costs {cost_db:.1f} dB"
     cost_db = 10 * np.log10(1 + levels.radio / levels.noise)
     if cost_db > _NOTICEABLE_DB:
         yield (

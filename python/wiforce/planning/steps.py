@@ -27,110 +27,81 @@ class Step:
 
 def steps(plan: Plan) -> tuple[Step, ...]:
     """The steps of a plan, in the order of the signal path."""
-    if plan.times_s is not None:
-        return (*_packet_steps(plan), *list(_group_steps(plan))[1:])
-    return (*_snapshot_steps(plan), *_group_steps(plan))
+    per_snapshot = _snapshot_steps if plan.times_s is None else _packet_steps
+    return (*per_snapshot(plan), *_group_steps(plan))
 
 
 def _packet_steps(plan: Plan) -> Iterator[Step]:
     """Steps that run per packet, and per group what its own times make necessary."""
-    scene, rate = plan.require_scene(), 1 / plan.waveform.snapshot_period_s
-    antennas, channels = scene.environment.receive_antennas, len(plan.waveform.bins)
-    tones, length = len(plan.table.tones), plan.group_length
-    yield Step(
-        "antennas",
-        antennas > 1,
-        f"{antennas} antenna(s) to {channels} channels without the oscillator's phase and gain",
-        2 * _MULTIPLY_ADD * channels * antennas * rate,
-    )
+    antennas, rate = plan.require_scene().environment.receive_antennas, _rate(plan)
+    channels, columns = len(plan.waveform.bins), len(plan.table.tones) + _clutter_order(plan)
+    reason = f"{antennas} antenna(s) to {channels} channels without the oscillator's phase and gain"
+    yield Step("antennas", antennas > 1, reason, 2 * _MULTIPLY_ADD * channels * antennas * rate)
     # QR of tones and clutter in real numbers, 2 n m^2, and its triangular solution.
-    order = clutter_order(length, plan.waveform.snapshot_period_s, plan.clutter_hz)
-    columns = tones + order
-    yield Step(
-        "weights",
-        True,
-        f"solved for each group at the times of its packets: {columns} columns",
-        4 * length * columns**2 / plan.group_period_s,
-    )
-    yield Step("tones", True, _tones_reason(plan), _MULTIPLY_ADD * channels / 2 * rate * tones)
+    reason = f"solved for each group at the times of its packets: {columns} columns"
+    solution = 4 * plan.group_length * columns**2 / plan.group_period_s
+    yield Step("weights", True, reason, solution)
+    yield _tones(plan, channels)
 
 
 def _snapshot_steps(plan: Plan) -> Iterator[Step]:
     """Steps that run per snapshot: 17 000 times per second and more."""
-    waveform, tones = plan.waveform, len(plan.table.tones)
-    rate = 1 / waveform.snapshot_period_s
-    length = waveform.symbol_length
-    folded = waveform.repetitions * length
+    waveform, rate, length = plan.waveform, _rate(plan), plan.waveform.symbol_length
+    repetitions, folded = waveform.repetitions, waveform.repetitions * length
+    reason = f"{repetitions} repetitions of a symbol are added: {folded} samples become {length}"
+    yield Step("fold", True, reason, 2 * (folded - length) * rate)
     skipped = waveform.frame_length - folded
-    yield Step(
-        "fold",
-        True,
-        f"{waveform.repetitions} repetitions of a symbol are added: {folded} samples become "
-        f"{length}",
-        2 * (folded - length) * rate,
-    )
-    yield Step(
-        "guard and first repetition",
-        False,
-        f"{skipped} of {waveform.frame_length} samples are not averaged",
-        2 * skipped * rate,
-    )
-    yield Step(
-        "channel per snapshot",
-        False,
-        "fold, tones and channel estimate are linear and commute: the FFT runs per tone and group",
-        (_transform_operations(length) + 6 * length) * rate - _estimator_operations(plan),
-    )
-    # The two tones of a pair share their products.
-    yield Step("tones", True, _tones_reason(plan), _MULTIPLY_ADD * length / 2 * rate * tones)
+    reason = f"{skipped} of {waveform.frame_length} samples are not averaged"
+    yield Step("guard and first repetition", False, reason, 2 * skipped * rate)
+    estimator = _estimator_operations(plan)
+    each = (_transform_operations(length) + 6 * length) * rate
+    reason = "fold, tones and channel estimate are linear and commute: the FFT runs per tone and "
+    yield Step("channel per snapshot", False, reason + "group", each - estimator)
+    yield _tones(plan, length)
+    reason = "derotation, FFT and division per tone"
+    yield Step("channel", True, reason, estimator)
 
 
-def _tones_reason(plan: Plan) -> str:
-    tags = len(plan.clocks) + len(plan.others)
-    lines = f"lines +-1..+-{plan.harmonics} of {tags} tag(s)"
-    reason = f"{len(plan.table.tones)} tones hold {lines}"
+def _tones(plan: Plan, values: int) -> Step:
+    """The sums of snapshots of so many values to tones, of which a pair shares its products."""
+    tones, tags = len(plan.table.tones), len(plan.clocks) + len(plan.others)
+    reason = f"{tones} tones hold lines +-1..+-{plan.harmonics} of {tags} tag(s)"
     if plan.loss_db:
         reason += f", within {max(plan.loss_db):.2f} dB of all lines"
     if plan.clutter_hz == 0:
-        return reason + "; nothing moves: the weights reject the mean only"
-    order = clutter_order(plan.group_length, plan.waveform.snapshot_period_s, plan.clutter_hz)
-    return reason + f"; the weights reject {order} sequences up to {plan.clutter_hz:g} Hz"
+        reason += "; nothing moves: the weights reject the mean only"
+    else:
+        order = _clutter_order(plan)
+        reason += f"; the weights reject {order} sequences up to {plan.clutter_hz:g} Hz"
+    return Step("tones", True, reason, _MULTIPLY_ADD * values / 2 * _rate(plan) * tones)
 
 
 def _group_steps(plan: Plan) -> Iterator[Step]:
     """Steps that run per phase group: tens of times per second."""
     scene, rate = plan.require_scene(), 1 / plan.group_period_s
-    tags = len(plan.clocks) + len(plan.others)
-    tones, ends = len(plan.table.tones), 2 * tags
-    subcarriers = len(plan.waveform.bins)
-    yield Step(
-        "channel", True, "derotation, FFT and division per tone", _estimator_operations(plan)
-    )
-    yield Step(
-        "separation",
-        True,
-        f"{tags} clock(s) tracked; mixing matrix of {tones} x {ends} per group",
-        rate
-        * (
-            4 * tones * plan.group_length * ends
-            + _MULTIPLY_ADD * subcarriers * tones * (tones + 3 * ends)
-        ),
-    )
-    yield Step(
-        "reference",
-        True,
-        f"against {plan.reference_groups} untouched groups ({scene.reference_s:g} s)",
-        rate * _MULTIPLY_ADD * ends * subcarriers,
-    )
-    yield Step(
-        "average", True, f"{subcarriers} subcarriers, weighted by their noise",
-        rate * _MULTIPLY_ADD * ends * subcarriers,
-    )  # fmt: skip
+    tags, tones = len(plan.clocks) + len(plan.others), len(plan.table.tones)
+    ends, subcarriers = 2 * tags, len(plan.waveform.bins)
+    reason = f"{tags} clock(s) tracked; mixing matrix of {tones} x {ends} per group"
+    mixing = 4 * tones * plan.group_length * ends
+    solution = _MULTIPLY_ADD * subcarriers * tones * (tones + 3 * ends)
+    yield Step("separation", True, reason, rate * (mixing + solution))
+    products = rate * _MULTIPLY_ADD * ends * subcarriers
+    reason = f"against {plan.reference_groups} untouched groups ({scene.reference_s:g} s)"
+    yield Step("reference", True, reason, products)
+    yield Step("average", True, f"{subcarriers} subcarriers, weighted by their noise", products)
     off = any(np.any(sensor.off_reflection) for sensor in scene.sensors)
     inversion = rate * _INVERSION * len(plan.clocks)
     reason = "phases to force and location" + ("; corrected for the off state" if off else "")
     yield Step("readout", True, reason, inversion)
     yield Step("inversion while untouched", False, "force and location are not defined", inversion)
+
+
+def _rate(plan: Plan) -> float:
+    return 1 / plan.waveform.snapshot_period_s
+
+
+def _clutter_order(plan: Plan) -> int:
+    return clutter_order(plan.group_length, plan.waveform.snapshot_period_s, plan.clutter_hz)
 
 
 def _estimator_operations(plan: Plan) -> float:

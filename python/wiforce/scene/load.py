@@ -147,7 +147,6 @@ def _scene_path(scene: str | Path) -> Path:
 # Who reads a capture may well simulate something else. The sensor files have another location
 # after a capture was moved, and another calibration of a sensor or a skin is no contradiction.
 _NOT_COMPARED = ("simulation", "model", "spreading", "spreading_file")
-_WAVEFORM, _SYMBOL = "sounding.waveform", "sounding.symbol"
 
 
 def scene_of(
@@ -179,38 +178,37 @@ def _differences(capture: Capture | ChannelSnapshots, given: Scene) -> Iterator[
         yield f"the capture's own scene cannot be compared with the scene given ({error})"
         return
     names = {sensor.name for sensor in stored.sensors} & {sensor.name for sensor in given.sensors}
-    own, other = _by_key(stored, names), _by_key(given, names)
-    for key in dict.fromkeys([*own, *other]):
-        if own.get(key) == other.get(key):
-            continue
-        if key != _SYMBOL:
-            before, now = (_text(values.get(key)) for values in (own, other))
-            yield f"{key} is {before} in the capture's own scene, {now} in the scene given"
-        elif own.get(_WAVEFORM) == other.get(_WAVEFORM):
+    same_waveform = stored.sounding.waveform == given.sounding.waveform
+    for key, own, other in _differing(_by_name(stored, names), _by_name(given, names)):
+        if key != "sounding.symbol":
+            own, other = _text(own), _text(other)
+            yield f"{key} is {own} in the capture's own scene, {other} in the scene given"
+        elif same_waveform:
             # Otherwise the names say it already; the samples as text tell a reader nothing.
-            yield f"{key}: {own[_WAVEFORM]} holds another symbol than in the capture's own scene"
+            waveform = stored.sounding.waveform
+            yield f"{key}: {waveform} holds another symbol than in the capture's own scene"
 
 
-def _by_key(scene: Scene, names: Container[str]) -> dict[str, Any]:
-    """Values of a scene, and of sensors of these names whatever their order, by dotted key."""
+def _by_name(scene: Scene, names: Container[str]) -> dict[str, Any]:
+    """Values of a scene, with a key of its own for each sensor of these names."""
     values = scene.as_dict()
     sensors = {sensor.pop("name"): sensor for sensor in values.pop("sensors")}
-    flat: dict[str, Any] = {"sensors": sorted(sensors)}
-    _flatten(values, "", flat)
-    for name, sensor in sensors.items():
-        if name in names:
-            _flatten(sensor, f"sensors[{name}].", flat)
-    return flat
+    common = {f"sensors[{name}]": own for name, own in sensors.items() if name in names}
+    return {"sensors": sorted(sensors), **values, **common}
 
 
-def _flatten(values: dict[str, Any], prefix: str, flat: dict[str, Any]) -> None:
-    for key, value in values.items():
-        if key in _NOT_COMPARED:
+def _differing(
+    own: dict[str, Any], given: dict[str, Any], prefix: str = ""
+) -> Iterator[tuple[str, Any, Any]]:
+    """Dotted keys that differ, and both values; None where one is absent."""
+    for key in dict.fromkeys([*own, *given]):
+        one, other = own.get(key), given.get(key)
+        if key in _NOT_COMPARED or one == other:
             continue
-        if isinstance(value, dict):
-            _flatten(value, f"{prefix}{key}.", flat)
+        if isinstance(one, dict) or isinstance(other, dict):
+            yield from _differing(one or {}, other or {}, f"{prefix}{key}.")
         else:
-            flat[f"{prefix}{key}"] = value
+            yield f"{prefix}{key}", one, other
 
 
 def _text(value: Any) -> str:

@@ -181,7 +181,6 @@ FAST = PRESS | {"start_s": 0.8, "rise_s": 0.02}
         ({"simulation": {"static_clutter_db": 110, "snr_db": 20}}, "out of the ADC's range"),
         ({"simulation": {"tags": [{"clock2_duty": "two_frequencies"}]}}, "on at the same time"),
         ({"environment": {"reader_clock": "free"}}, "one receive antenna"),
-        ({"reference_s": 0.05}, "untouched reference"),
         ({"simulation": {"moving_clutter_db": 10, "moving_clutter_hz": 300}}, "leaks"),
     ],
 )

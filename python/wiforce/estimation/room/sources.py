@@ -170,16 +170,13 @@ def _lamps(lines: Sequence[RoomLine], fundamental_hz: float, spectrum: _Spectrum
 
 def _present_hz(lines: Sequence[RoomLine], fundamental_hz: float) -> float:
     """Twice the present frequency of the mains, from the first harmonics."""
-    orders, hertz = [], []
+    found: dict[int, RoomLine] = {}
     for line in lines:
         order = round(line.frequency_hz / fundamental_hz)
         reach_hz = 2 * _reach_hz(line.frequency_hz)
         if 0 < order < _FIRST_LAMPS and abs(line.frequency_hz - order * fundamental_hz) < reach_hz:
-            orders.append(order)
-            hertz.append(line.frequency_hz)
-    if not orders:
-        return fundamental_hz
-    return float(np.dot(orders, hertz) / np.dot(orders, orders))
+            found.setdefault(order, line)
+    return _fundamental_hz(found) if found else fundamental_hz
 
 
 def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
@@ -220,7 +217,7 @@ def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
                 best, clock_hz = found, candidate_hz
     if not best:
         return None
-    clock_hz = clock_of({m: line for m, line in best.items() if m * clock_hz < rate_hz / 2})
+    clock_hz = _fundamental_hz({m: line for m, line in best.items() if m * clock_hz < rate_hz / 2})
     lowest = min(best)
     envelope = line_envelope(np.arange(1, _MOST_HARMONICS), clock_hz, spectrum.waveform)
     power = envelope * (best[lowest].power / envelope[lowest - 1])
@@ -243,8 +240,8 @@ def _total_power(found: dict[int, RoomLine]) -> float:
     return sum(line.power for line in set(found.values()))
 
 
-def clock_of(found: dict[int, RoomLine]) -> float:
-    """Clock of a tag in Hz by its unaliased harmonics, the higher ones counting for more."""
+def _fundamental_hz(found: dict[int, RoomLine]) -> float:
+    """Fundamental by its unaliased harmonics, the higher ones counting for more."""
     orders = np.array(list(found))
     hertz = np.array([line.frequency_hz for line in found.values()])
     return float(orders @ hertz / (orders @ orders))
