@@ -15,7 +15,6 @@ from gnuradio.wiforce.estimation.phases.reference import SubcarrierAverage
 from gnuradio.wiforce.planning.plan import Plan
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
-from gnuradio.wiforce.signal.weights import tones_of
 
 from ..shell.log import progress
 from ..shell.options import worker_options
@@ -99,9 +98,7 @@ class SnapshotChain:
     def process(self, index, snapshots, present=None):
         """Take H (N, K) of one group, ``present`` (N,); give the Groups ready, with ``ratios``."""
         if present is None or np.all(present):
-            return self.process_tones(
-                Groups([index], tones_of(self.table.weights, snapshots)[None])
-            )
+            return self.process_tones(Groups([index], (self.table.weights @ snapshots)[None]))
         partial = self.table.for_present(present)
         tones = np.zeros((len(self.table.tones), snapshots.shape[1]), complex)
         if partial is not None:

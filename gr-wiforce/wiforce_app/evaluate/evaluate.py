@@ -27,7 +27,6 @@ from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.scene import load_scene, sampled_scenes, simulation_warnings
-from gnuradio.wiforce.signal.weights import tones_of
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth import score, truth_rows
@@ -270,8 +269,8 @@ def paper_changes(recording, scene):
     frames, first = folded_reader(**frame_settings(recording, waveform, frame_offset=0)), 0
     while count := len(folded := frames.read(_BATCH * length)["folded"]) // length:
         channels = (fft(folded[: count * length], axis=1) * factors)[:, waveform.bins]
-        tones = [tones_of(settings.table.weights, group) for group in np.split(channels, count)]
-        receiver.process(Groups(first + np.arange(count), np.stack(tones)))
+        tones = settings.table.weights @ channels.reshape(count, length, -1)
+        receiver.process(Groups(first + np.arange(count), tones))
         first += count
     receiver.finish()
     return np.concatenate(changes)

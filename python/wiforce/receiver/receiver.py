@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 
 import numpy as np
 
@@ -27,6 +28,20 @@ from ..press.tares import TareRequests, TareState
 _TAG_RATIO = 0.1
 # Time that a stated rate of turns is worth: longer than any run.
 _STATED_S = 1e9
+
+
+def one_thread() -> Callable[[], AbstractContextManager[object]]:
+    """What limits BLAS: threads are slower than one core for matrices as small as these."""
+    # The command states it, where a limit would cost time in every group, and to search the
+    # libraries for one 10 ms.
+    if os.environ.get("OPENBLAS_NUM_THREADS") == "1":
+        return nullcontext
+    from threadpoolctl import ThreadpoolController
+
+    blas = ThreadpoolController().select(user_api="blas")
+    if all(library.num_threads == 1 for library in blas.lib_controllers):
+        return nullcontext
+    return partial(blas.limit, limits=1)
 
 
 class Receiver:
@@ -111,15 +126,7 @@ class Receiver:
         self.readout = make_readout(plan, tracked, on_groups, first_group, counts, states)
         self.tares = TareRequests(self.reference, self.readout.sensors, plan.group_period_s)
         self._separated, self._newest = False, -1
-        # The command states it, where a limit would cost time in every group, and to search the
-        # libraries for one 10 ms.
-        self._single_threaded = os.environ.get("OPENBLAS_NUM_THREADS") == "1"
-        if not self._single_threaded:
-            from threadpoolctl import ThreadpoolController
-
-            self._blas = ThreadpoolController().select(user_api="blas")
-            libraries = self._blas.lib_controllers
-            self._single_threaded = all(library.num_threads == 1 for library in libraries)
+        self._one_thread = one_thread()
         self._shape = len(plan.table.tones), len(plan.waveform.bins)
 
     @property
@@ -217,10 +224,6 @@ class Receiver:
             return "reference"
         seen = any(sensor.state.seen for sensor in self.readout.sensors.values())
         return "reading" if seen else "acquiring"
-
-    def _one_thread(self) -> AbstractContextManager[object]:
-        """Threads are slower than one core for matrices as small as these."""
-        return nullcontext() if self._single_threaded else self._blas.limit(limits=1)
 
     def _check(self, groups: Groups) -> None:
         # Arrays of another plan often broadcast, and would give readings that mean nothing.

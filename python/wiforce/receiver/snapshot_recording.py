@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from ..errors import InputError
 from ..estimation.ends.separation import EndSeparator
@@ -29,7 +28,7 @@ from ..io.readings import Reading
 from ..planning.plan import Plan, PlanOrScene, as_plan
 from ..signal.waveform import packet_waveform
 from ..signal.weights import TimedTable
-from .receiver import Receiver
+from .receiver import Receiver, one_thread
 from .recording import CaptureReader
 
 # A packet is left out whose channel deviates from the median by this many times the power that one
@@ -156,15 +155,14 @@ class SnapshotReader(CaptureReader):
         plan = as_plan(plan)
         _check(recording, plan)
         self._recording = recording
-        self._blas = ThreadpoolController()
+        self._one_thread = one_thread()
         time_s = recording.time_s - recording.time_s[0]
         groups = int(time_s[-1] / plan.group_period_s + _OPEN_END)
         super().__init__(recording.path, plan, groups)
         free = plan.require_scene().environment.reader_clock == "free"
         self._plans: _PacketPlans | None = None
         self.notes = [*recording.notes]
-        # Threads are slower than one core for matrices as small as these.
-        with self._blas.limit(limits=1, user_api="blas"):
+        with self._one_thread():
             if free:
                 self._read_antennas(plan, time_s)
             else:
@@ -289,7 +287,7 @@ class SnapshotReader(CaptureReader):
 
     def __iter__(self) -> Iterator[list[Reading]]:
         for first in range(0, self.groups, _BATCH):
-            with self._blas.limit(limits=1, user_api="blas"):
+            with self._one_thread():
                 groups = self.source.read(first, min(first + _BATCH, self.groups))
             if len(groups):
                 yield self.receiver.process(groups)

@@ -58,19 +58,10 @@ class PartialWeights:
         return _whitener_of(self.parts, self.covariance)
 
     def apply(self, snapshots: np.ndarray) -> np.ndarray:
-        """Tones of a group from the snapshots present, as :func:`tones_of`."""
-        return _tones(self.parts, snapshots)
-
-
-def tones_of(weights: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
-    """``weights @ snapshots``, (M, n); conjugate rows of opposite frequency share products."""
-    return _tones(parts_of(weights), snapshots)
-
-
-def _tones(parts: np.ndarray, snapshots: np.ndarray) -> np.ndarray:
-    """Tones (M, K) of snapshots (n, K), by the parts (M, n) of their weights."""
-    samples = np.ascontiguousarray(snapshots, complex).view(float)
-    return _of_parts((parts @ samples).view(complex))
+        """Tones (M, K) of a group from the snapshots (n, K) that are present."""
+        # Conjugate rows of opposite frequency share products.
+        samples = np.ascontiguousarray(snapshots, complex).view(float)
+        return _of_parts((self.parts @ samples).view(complex))
 
 
 def parts_of(weights: np.ndarray) -> np.ndarray:

@@ -39,21 +39,19 @@ PHASE_MARGIN = 0.02
 class PhaseLikelihood:
     """Computes the coefficients of J(theta) from the tones of a group.
 
-    ``averaging_phase`` is fs Ta in cycles, ``clock2_delay`` in radians of clock 1. ``rows``,
-    ``lines`` and ``scale`` (L,) are the tag's own tones, their harmonics and factors to unit noise,
-    ``projection`` (L, L) is Pi(0) for the scaled tones; ``kernel`` evaluates J at one phase.
+    ``averaging_phase`` is fs Ta in cycles. ``rows``, ``lines`` and ``scale`` (L,) are the tag's own
+    tones, their harmonics and factors to unit noise, ``projection`` (L, L) is Pi(0) for the scaled
+    tones; ``kernel`` evaluates J at one phase.
     Refused when the tag's own lines do not determine its clock's phase, or its ends.
     """
 
-    def __init__(
-        self, table: ToneTable, tag: int, averaging_phase: float, clock2_delay: float = 0.0
-    ) -> None:
+    def __init__(self, table: ToneTable, tag: int, averaging_phase: float) -> None:
         self.rows, self.lines = own_lines(table.tones, tag)
-        self.clock2_delay, self.duty = clock2_delay, DUTY
+        self.clock2_delay, self.duty = 0.0, DUTY
         self._averaging_phase = averaging_phase
         # Rows of unit noise; the lines are then close enough to orthogonal.
         self.scale = 1 / np.linalg.norm(table.weights[self.rows], axis=1)
-        if phase_margin(self._spectra(clock2_delay), self.lines) < PHASE_MARGIN:
+        if phase_margin(self._spectra(0.0), self.lines) < PHASE_MARGIN:
             alone = all(owner == tag for tone in table.tones for owner, *_ in tone.owners)
             rule = (
                 "must leave the tag enough lines on which no other line of it falls, nor an alias; "

@@ -72,11 +72,9 @@ def find_states(channel: Array, subcarrier_hz: Array, step: float) -> AntennaSta
     principal component takes values that are apart by a ``step``, relative to the static paths.
     What differs by more than gain, phase and delay is of a tag, the room or another sender.
     """
-    reference, against = _against_strongest(channel)
-    if not against.shape[1]:
-        return AntennaStates(np.zeros(len(channel), int), reference)
-    _, label = _means_and_labels(against, against, subcarrier_hz, step)
-    return AntennaStates(_numbered(label), reference)
+    count = len(channel)
+    no_tags = np.ones(count, bool), np.zeros((1, count, 0)), np.zeros(count, int)
+    return find_states_beside_tags(channel[None], subcarrier_hz, step, *no_tags)[0]
 
 
 def find_states_beside_tags(
@@ -106,7 +104,7 @@ def find_states_beside_tags(
     if len(rows) < LEAST_PACKETS:
         rows = np.arange(count)
     means, label = _means_and_labels(against[0, rows], against[0], subcarrier_hz, step)
-    if len(means) == 1:
+    if len(means) == 1 or not closed.any():
         return AntennaStates(_numbered(label), reference), best
     best = np.argmin(np.min([np.linalg.norm(against - m, axis=2) for m in means], axis=0), axis=0)
     taken = best, np.arange(count)
