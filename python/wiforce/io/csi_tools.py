@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +31,7 @@ _CHIPS = {0x65: "43455c0", 0x4339: "4339", 0x4358: "4358", 0x4366: "4366c0"}
 # 802.11-2020, sections 19.3.7 and 21.3.7: 20 and 40 MHz of HT, 80 MHz of VHT). What a card reports
 # of the others is noise.
 _SENT = {64: (1, 28), 128: (2, 58), 256: (2, 122)}
-# Codes of a record that Intel's tool writes, and the most that Atheros' tool writes in one.
+# Codes of a record that Intel's tool writes, and the most bytes of a record.
 _INTEL_CODES, _LONGEST = (0xBB, 0xC1), 10_000
 
 
@@ -48,20 +47,15 @@ def tool_of(path: str | Path) -> str | None:
         return _nexmon_tool(Path(path), start)
     if start[:4] == _PCAPNG:
         raise InputError(path, "is a pcapng file; convert it to pcap (editcap -F pcap)")
-    for at, (tool, length_of) in product(range(min(_LONGEST, len(start))), _RECORDS.items()):
-        if not _follow_each_other(start, at, length_of):
-            continue
-        if tool == "PicoScenes":
-            raise InputError(path, "is a file of PicoScenes; export its arrays to an .npz file")
-        if at or tool == "nexmon":
-            rule = f"is damaged at its start: records of {tool} begin at byte {at}; record again"
-            raise InputError(path, rule)
-        return tool
-    return None
+    found = next((name for name, of in _RECORDS.items() if _follow_each_other(start, of)), None)
+    if found == "PicoScenes":
+        raise InputError(path, "is a file of PicoScenes; export its arrays to an .npz file")
+    return found
 
 
-def _follow_each_other(data: bytes, at: int, length_of: Callable[[bytes], int]) -> bool:
-    """Whether records begin at a byte, one behind the other."""
+def _follow_each_other(data: bytes, length_of: Callable[[bytes], int]) -> bool:
+    """Whether a file begins with records, one behind the other."""
+    at = 0
     for number in range(_FOLLOWING):
         head = data[at : at + _HEAD]
         if len(head) < _HEAD:
@@ -90,14 +84,6 @@ def _atheros_length(head: bytes) -> int:
     return length + 2 if is_one and size in (0, (bits + 7) // 8, (bits + 15) // 16 * 2) else 0
 
 
-def _pcap_length(head: bytes) -> int:
-    """The same of a packet of nexmon_csi in a pcap file."""
-    kept, sent = struct.unpack_from("<II", head, 8)
-    (chip,) = struct.unpack_from("<H", head, _RECORD + _PACKET + 16)
-    sizes = [_PACKET + _NEXMON + 4 * values for values in _SENT]
-    return _RECORD + kept if kept == sent in sizes and chip in _CHIPS else 0
-
-
 def _picoscenes_length(head: bytes) -> int:
     """The same of PicoScenes."""
     length, magic = struct.unpack_from("<II", head)
@@ -106,11 +92,10 @@ def _picoscenes_length(head: bytes) -> int:
 
 # Bytes in which files are recognised, of a record those that tell its length, and records that must
 # follow each other: of random bytes, fewer than one in a billion files do so.
-_SEARCHED_BYTES, _HEAD, _FOLLOWING = 1 << 16, 76, 4
+_SEARCHED_BYTES, _HEAD, _FOLLOWING = 1 << 16, 21, 4
 _RECORDS = {
     "intel": _intel_length,
     "atheros": _atheros_length,
-    "nexmon": _pcap_length,
     "PicoScenes": _picoscenes_length,
 }
 

@@ -140,22 +140,6 @@ def test_tool_is_found_by_the_first_bytes(tmp_path):
     assert tool_of(tmp_path) is None
 
 
-@pytest.mark.parametrize(
-    ("tool", "content"),
-    [
-        ("intel", intel_file(values_of(30, 3, 100))),
-        ("atheros", atheros_file(values_of(56, 2, 400))),
-        ("nexmon", nexmon_file(values_of(64, 2, 2000))),
-    ],
-)
-def test_file_damaged_at_its_start_is_refused(tmp_path, tool, content):
-    """It would be read as samples."""
-    for damaged in (b"\0" * 9 + content[9:], content[9:]):
-        (tmp_path / "a").write_bytes(damaged)
-        with pytest.raises(InputError, match=f"is damaged at its start: records of {tool} begin"):
-            tool_of(tmp_path / "a")
-
-
 def test_options_that_do_not_suit_a_tool_are_refused(tmp_path):
     (tmp_path / "a.dat").write_bytes(intel_file(values_of(30, 3, 100)))
     for tool in ("intel", None):
