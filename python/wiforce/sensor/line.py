@@ -7,6 +7,8 @@ reflection seen from end i follows from the distance ``d_i`` of the nearer edge 
 untouched line ends in an open: ``psi_i = offset_i - 2 beta L``.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -26,42 +28,27 @@ def round_trip_deg_per_mm(frequency_hz: float, permittivity: float = 1.0) -> flo
     return 720.0 * frequency_hz * np.sqrt(permittivity) / (SPEED_OF_LIGHT_M_S * 1e3)
 
 
-def _foundation_profile(u: np.ndarray) -> np.ndarray:
-    """Deflection of a beam on an elastic foundation, relative to that under the load, at u = kx."""
-    return np.exp(-u) * (np.cos(u) + np.sin(u))
+# Nodes of a profile, for 5e-8 mm.
+_NODES = 100_001
 
 
-def _spread_profile(u: np.ndarray, half: float) -> np.ndarray:
-    """The same for a load spread evenly over -half..half: the profile's integral over the load."""
+@lru_cache(maxsize=8)
+def _profile(half: float) -> tuple[np.ndarray, np.ndarray]:
+    """Deflection of a beam on an elastic foundation, relative to that under the load, at u = kx.
 
-    def integral(v: np.ndarray | float) -> np.ndarray:  # of the profile from 0 to v; odd
+    For a load spread evenly over -half..half, from 1 at u = 0 to the first minimum: the profile of
+    a point load averaged over it.
+    """
+    # Squared spacing: the profile is flat under the load.
+    u = (half + np.pi) * np.linspace(0.0, 1.0, _NODES) ** 2
+    if not half:
+        return u, np.exp(-u) * (np.cos(u) + np.sin(u))
+
+    def integral(v: np.ndarray | float) -> np.ndarray:  # of a point's profile from 0 to v; odd
         return np.sign(v) * (1 - np.exp(-np.abs(v)) * np.cos(v))
 
-    return (integral(u + half) - integral(u - half)) / (2 * integral(half))
-
-
-# The profile falls monotonically from 1 at u = 0 to its first minimum, at u = pi for a point load.
-_PROFILE_U = np.linspace(0.0, np.pi, 4001)
-_PROFILE = _foundation_profile(_PROFILE_U)
-
-
-def _inverse_profile(ratio: np.ndarray) -> np.ndarray:
-    """u in [0, pi] at which the relative deflection is ``ratio`` in (0, 1]; Newton-refined."""
-    u = np.interp(-ratio, -_PROFILE, _PROFILE_U)
-    for _ in range(2):
-        slope = -2.0 * np.exp(-u) * np.sin(u)
-        safe = np.where(np.abs(slope) < 1e-9, -1.0, slope)
-        step = np.where(np.abs(slope) < 1e-9, 0.0, (_foundation_profile(u) - ratio) / safe)
-        u = np.clip(u - step, 0.0, np.pi)
-    return u
-
-
-def _inverse_spread_profile(ratio: np.ndarray, half: float) -> np.ndarray:
-    """u at which the relative deflection under a spread load is ``ratio`` in (0, 1]."""
-    # Squared spacing: the profile is flat under the load.
-    u = (half + np.pi) * np.linspace(0.0, 1.0, 8001) ** 2
-    profile = np.minimum.accumulate(_spread_profile(u, half))
-    return np.interp(-ratio, -profile, u)
+    spread = (integral(u + half) - integral(u - half)) / (2 * integral(half))
+    return u, np.minimum.accumulate(spread)
 
 
 def _check_width(width_mm: float, scope: Scope) -> str | None:
@@ -110,11 +97,8 @@ class ContactLaw:
             np.asarray(force_n, float), np.asarray(location_mm, float)
         )
         ratio = onset_force_n / np.maximum(force, onset_force_n)
-        if self.width_mm:
-            u = _inverse_spread_profile(ratio, self.width_mm / 2 / self.decay_length_mm)
-        else:
-            u = _inverse_profile(ratio)
-        half_width = self.decay_length_mm * u
+        u, profile = _profile(self.width_mm / 2 / self.decay_length_mm)
+        half_width = self.decay_length_mm * np.interp(-ratio, -profile, u)
         from_middle = length_mm / 2 - location
         tilt = self.asymmetry * from_middle / np.hypot(from_middle, self.fade_mm)
         first = location - half_width * (1 + tilt)
