@@ -71,17 +71,15 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
         touch = touch_of(sensor, measured, std, frequency_hz)
         if tracked or smoothed:
             follow = _smoothed if smoothed else _tracked
-            found = _over_time(phases, rows, follow, sensor, measured, std, touch, frequency_hz)
+            given = sensor, measured, std, touch, frequency_hz
+            found = dict(_over_time(phases, rows, follow, *given))
         else:
             pressed = np.flatnonzero(touch == 1)
-            found = [None] * len(rows)
-            if len(pressed):
-                read = sensor.invert(measured[pressed], std, known[pressed], frequency_hz)
-                for index, values in zip(pressed, _values(read), strict=True):
-                    found[index] = values
+            read = sensor.invert(measured[pressed], std, known[pressed], frequency_hz)
+            found = dict(zip(pressed.tolist(), _values(read), strict=True))
     except InputError as error:
         raise error.renamed({"location_mm": f"{phases}: location_mm"}) from error
-    unexplained = [bool(_UNEXPLAINED & set(values[-1])) for values in found if values is not None]
+    unexplained = [bool(_UNEXPLAINED & set(values[-1])) for values in found.values()]
     suspected = radians_suspicion(measured)
     if not suspected and unexplained and np.mean(unexplained) > 0.5:
         suspected = [_OF_ANOTHER]
@@ -89,8 +87,8 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
         log.warning(f"{phases}: {text}")
     with writer:
         writer.write_all(
-            _reading(row, sensor, std, state, values)
-            for row, state, values in zip(rows, touch.tolist(), found, strict=True)
+            _reading(row, sensor, std, state, found.get(index))
+            for index, (row, state) in enumerate(zip(rows, touch.tolist(), strict=True))
         )
 
 
@@ -119,8 +117,7 @@ def _read(path):
 
 
 def _over_time(path, rows, follow, sensor, phases, std, touch, frequency_hz):
-    """What was found for each row, every sensor's presses followed from touch to release."""
-    found = np.full(len(rows), None)
+    """Rows, and what was found for each, sensors' presses followed from touch to release."""
     names, times = (np.array([row[key] for row in rows]) for key in ("sensor", "time_s"))
     for name in dict.fromkeys(names.tolist()):
         own = np.flatnonzero(names == name)
@@ -129,11 +126,9 @@ def _over_time(path, rows, follow, sensor, phases, std, touch, frequency_hz):
             rule = "must be given and increase from row to row, for --tracked and --smoothed"
             raise InputError(f"{path}: time_s", rule)
         period = float(np.median(steps))
-        for index, values in follow(
-            sensor, phases[own], std, touch[own] == 1, period, frequency_hz
-        ):
-            found[own[index]] = values
-    return found
+        pressed = touch[own] == 1
+        for index, values in follow(sensor, phases[own], std, pressed, period, frequency_hz):
+            yield int(own[index]), values
 
 
 def _tracked(sensor, phases, std, touched, period, frequency_hz):

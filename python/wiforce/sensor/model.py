@@ -235,17 +235,6 @@ class SensorModel:
         psi = wrap_deg(self._untouched_deg(self.carrier_index(frequency_hz)))
         return float(psi[0]), float(psi[1])
 
-    def is_untouched(
-        self,
-        phases_deg: ArrayLike,
-        std_deg: ArrayLike | None = None,
-        frequency_hz: float | None = None,
-    ) -> Array:
-        """Whether both phases (n, 2) are within three standard deviations of the untouched ones."""
-        change = wrap_deg(np.asarray(phases_deg) - self.untouched_deg(frequency_hz))
-        allowed = _SIGMAS * np.asarray(1.0 if std_deg is None else std_deg)
-        return np.asarray(np.all(np.abs(change) <= allowed, axis=-1))
-
     def phases_deg(
         self, force_n: ArrayLike, location_mm: ArrayLike, frequency_hz: float | None = None
     ) -> Array:
@@ -417,9 +406,13 @@ def touch_of(
 ) -> np.ndarray:
     """Touched (1), untouched (0) or either (-1) phases (n, 2), within three standard deviations."""
     phases = np.asarray(phases_deg, float)
-    touch = np.where(model.is_untouched(phases, std_deg, frequency_hz), 0, 1)
-    pressed = _pressed_deg(model, frequency_hz)
     untouched = np.array(model.untouched_deg(frequency_hz))
+    away = np.abs(wrap_deg(phases - untouched))
+    touch = np.where(np.all(away <= _SIGMAS * std_deg, axis=-1), 0, 1)
+    # Presses all over the line, up to the highest calibrated force.
+    forces = np.geomspace(model.onset_force_n, model.force_span_n[1], _FORCES)
+    places = np.linspace(*model.location_span_mm, _LOCATIONS)
+    pressed = model.phases_deg(forces[:, None], places, frequency_hz).reshape(-1, 2)
     if np.max(np.abs(wrap_deg(pressed - untouched)), axis=1).min() > 2 * _SIGMAS * std_deg:
         return touch
     for row in np.flatnonzero(touch == 0):
@@ -427,11 +420,3 @@ def touch_of(
         if away.min() <= _SIGMAS * std_deg:
             touch[row] = -1
     return touch
-
-
-def _pressed_deg(model: SensorModel, frequency_hz: float | None) -> np.ndarray:
-    """Phases of presses all over the line, up to the highest calibrated force; (m, 2)."""
-    forces = np.geomspace(model.onset_force_n, model.force_span_n[1], _FORCES)
-    places = np.linspace(model.location_span_mm[0], model.location_span_mm[1], _LOCATIONS)
-    force, place = (axis.ravel() for axis in np.meshgrid(forces, places))
-    return np.asarray(model.phases_deg(force, place, frequency_hz))
