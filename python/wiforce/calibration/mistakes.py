@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..sensor import line
-from ..signal.carrier import same_carrier, wrap_deg
+from ..signal.carrier import same_carrier
 from .data import carriers_of, touched_rows, untouched_phases
 from .tables import CalibrationTable
 
@@ -89,26 +89,6 @@ def _by_carrier(table: CalibrationTable) -> Iterator[_Presses]:
         yield _Presses(frequency, untouched, places, known, direction)
 
 
-def _estimate(
-    own: _Presses, length_mm: float, permittivity: float
-) -> tuple[float | None, float | None]:
-    """Permittivity, and the next length in mm, modulo half a wavelength; None where unknown."""
-    slope = line.round_trip_deg_per_mm(own.frequency_hz, permittivity)
-    scores = own.on_lines(_SLOPES * slope)
-    best = int(np.argmax(scores))
-    if scores[best] < _ON_A_LINE or len(own.location_mm) < _ENOUGH_LOCATIONS:
-        return None, None
-    found = None
-    if own.untouched_deg is not None:
-        change = np.degrees(np.angle(own.direction)) - np.array(own.untouched_deg)[:, None]
-        extent = wrap_deg(change[1] - 180.0 - slope * own.location_mm) / slope
-        lengths = (change[0] - 180.0) / slope + own.location_mm - extent
-        turns = np.exp(1j * np.radians(slope * lengths[own.known.all(axis=0)]))
-        beyond = wrap_deg(np.degrees(np.angle(np.mean(turns))) - slope * length_mm) / slope
-        found = float(length_mm + beyond)
-    return float(permittivity * _SLOPES[best] ** 2), found
-
-
 def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -> list[str]:
     """Likely mistakes in units, ports and signs of a table, or in the line; a sentence each."""
     touched = table.take(~table.untouched)
@@ -165,30 +145,29 @@ def radians_suspicion(phases_deg: np.ndarray) -> list[str]:
     return [f"all phases lie within +-{widest:.1f}: are they in radians instead of degrees?"]
 
 
+# Which ports are reversed, and what is said of them.
+_REVERSALS = {
+    (True, False): "the phase of port 1 alone moves",
+    (False, True): "the phase of port 2 alone moves",
+    (True, True): "the phases of both ports move",
+}
+
+
 def _reversed(own: _Presses, slope: float) -> list[str]:
     """Ports whose phases follow a line if location or sign is reversed, and do not as given."""
-    if len(own.location_mm) < _ENOUGH_LOCATIONS:
-        return []
-    causes = {
-        (0,): "the phase of port 1 alone moves",
-        (1,): "the phase of port 2 alone moves",
-        (0, 1): "the phases of both ports move",
-    }
     given = 1 - float(own.on_lines(slope * _SLOPES).max())
-    if given <= 1 - _ON_A_LINE:
+    if len(own.location_mm) < _ENOUGH_LOCATIONS or given <= 1 - _ON_A_LINE:
         return []
     left = {}
-    for ports in causes:
-        direction = own.direction.copy()
-        direction[list(ports)] = direction[list(ports)].conj()
-        mirrored = replace(own, direction=direction)
-        left[ports] = 1 - float(mirrored.on_lines(slope * _DIRECTION_SLOPES).max())
-    best = min(left, key=lambda ports: left[ports])
-    others = [given, *(left[ports] for ports in causes if ports != best)]
-    if left[best] > min(1 - _ON_A_LINE, _REVERSED * min(others)):
+    for ports in _REVERSALS:
+        direction = np.where(np.array(ports)[:, None], own.direction.conj(), own.direction)
+        turned = replace(own, direction=direction)
+        left[ports] = 1 - float(turned.on_lines(slope * _DIRECTION_SLOPES).max())
+    best, *others = sorted(left, key=left.__getitem__)
+    if left[best] > min(1 - _ON_A_LINE, _REVERSED * min(given, left[others[0]])):
         return []
     return [
-        f"{causes[best]} with location in the wrong direction: are ports swapped, is location "
+        f"{_REVERSALS[best]} with location in the wrong direction: are ports swapped, is location "
         "measured from the other end, or the sign inverted (it must be that of arg S11, arg S22)?"
     ]
 
@@ -210,32 +189,34 @@ def _unconnected(own: _Presses, slope: float) -> list[str]:
 
 def _other_line(own: _Presses, length_mm: float, permittivity: float) -> list[str]:
     """Whether the phases are those of a line of another permittivity, length or far end."""
-    epsilon, nearest_mm = _estimate(own, length_mm, permittivity)
-    at = f"{own.frequency_hz / 1e6:g} MHz: "
-    if epsilon is None:
+    slope = line.round_trip_deg_per_mm(own.frequency_hz, permittivity)
+    scores = own.on_lines(_SLOPES * slope)
+    if scores.max() < _ON_A_LINE or len(own.location_mm) < _ENOUGH_LOCATIONS:
         return []
-    ratio = np.sqrt(epsilon / permittivity)
+    at, ratio = f"{own.frequency_hz / 1e6:g} MHz: ", _SLOPES[np.argmax(scores)]
     if not _SLOPE_LIMITS[0] <= ratio <= _SLOPE_LIMITS[1]:
         return [
             f"{at}phases change with location as on a line of permittivity "
-            f"{epsilon:.2g}, not {permittivity:g}: check --permittivity, and that "
+            f"{permittivity * ratio**2:.2g}, not {permittivity:g}: check --permittivity, and that "
             "locations are in mm"
         ]
-    if nearest_mm is None:
+    if own.untouched_deg is None:
         return []
-    if abs(nearest_mm - length_mm) > _LENGTH_MM:
+    # Phasors of the extents of the short; where the line is longer, that of port 1 as well.
+    open_mm = np.stack([length_mm - own.location_mm, own.location_mm])
+    expected = np.array(own.untouched_deg)[:, None] + 180.0 + slope * open_mm
+    beyond = own.direction * np.exp(-1j * np.radians(expected))
+    longer = (beyond[0] * beyond[1].conj())[own.known.all(axis=0)]
+    longer_mm = float(np.degrees(np.angle(np.mean(longer)))) / slope
+    if abs(longer_mm) > _LENGTH_MM:
         return [
             f"{at}touched and untouched phases are those of a line of about "
-            f"{nearest_mm:.0f} mm, not {length_mm:g} mm: were cables, reference planes and "
-            "the open far end (50 ohm reflects nothing) the same for all rows, does the ruler "
+            f"{length_mm + longer_mm:.0f} mm, not {length_mm:g} mm: were cables, reference planes "
+            "and the open far end (50 ohm reflects nothing) the same for all rows, does the ruler "
             "begin at port 1, and is --length-mm right?"
         ]
     # What is off by as much at both ports does not show in the length.
-    slope = line.round_trip_deg_per_mm(own.frequency_hz, permittivity)
-    open_mm = np.stack([length_mm - own.location_mm, own.location_mm])
-    expected = np.array(own.untouched_deg)[:, None] + 180.0 + slope * open_mm
-    beyond = (own.direction * np.exp(-1j * np.radians(expected)))[own.known]
-    extent_deg = float(np.degrees(np.angle(np.mean(beyond))))
+    extent_deg = float(np.degrees(np.angle(np.mean(beyond[own.known]))))
     if _EXTENTS_MM[0] <= extent_deg / slope <= _EXTENTS_MM[1]:
         return []
     return [

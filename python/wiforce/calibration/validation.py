@@ -99,11 +99,9 @@ _FORCES, _LOCATIONS = 5, 9
 _QUIET_DEG = 1e-3  # phases without noise of their own
 _ENOUGH_LOCATIONS = 5
 _LARGEST_STEP_MM = 15.0
-_FALL_DEG = 1.0
 # Presses of 1 to 8 N are .1 to .82 kg. A gentle sensor is pressed as lightly, so that this is no
 # suspicion.
 _LITTLE_FORCE_N = 0.9
-_CURVE_FORCES = 25
 
 
 @dataclass(frozen=True)
@@ -157,19 +155,17 @@ def errors_over_span(
     return float(np.median(force)), float(np.median(location)), flagged
 
 
-def _grid(model: SensorModel, forces: int, locations: int) -> tuple[np.ndarray, np.ndarray]:
-    """Forces and locations (n,) over the calibrated span."""
-    force, location = np.meshgrid(
-        np.linspace(*model.force_span_n, forces), np.linspace(*model.location_span_mm, locations)
-    )
-    return force.ravel(), location.ravel()
-
-
 def _over_span(
     model: SensorModel, frequency_hz: float, std_deg: np.ndarray | float
 ) -> tuple[Inversion, np.ndarray, float]:
     """Readings over the span, those that count (n,) bool, and the share that is flagged."""
-    force, location = _grid(model, _FORCES, _LOCATIONS)
+    force, location = (
+        axis.ravel()
+        for axis in np.meshgrid(
+            np.linspace(*model.force_span_n, _FORCES),
+            np.linspace(*model.location_span_mm, _LOCATIONS),
+        )
+    )
     std = np.hypot(std_deg, contradiction_deg(model, frequency_hz, location))
     phases = model.phases_deg(force, location, frequency_hz)
     found = model.invert(phases, std, frequency_hz=frequency_hz)
@@ -246,14 +242,3 @@ def _warnings(model: CurveModel, index: int) -> Iterator[str]:
             f"phases of different locations do not fit a line: steps are up to {worst * slope:.0f} "
             f"deg ({worst:.0f} mm) off; force and location read together are not to be trusted"
         )
-    force = np.linspace(*model.force_span_n, _CURVE_FORCES)
-    for place, (low, high) in zip(places, spans, strict=True):
-        inside = force[(force >= low) & (force <= high)]
-        phases = model.short_deg(inside, np.full(len(inside), place), index)
-        falls = np.max(np.maximum.accumulate(phases, axis=0) - phases, axis=0)
-        for port, fall in enumerate(falls, 1):
-            if fall > _FALL_DEG:
-                yield (
-                    f"port {port} falls by {fall:.1f} deg with force at {place:g} mm; a short only "
-                    "widens"
-                )
