@@ -2,7 +2,6 @@
 """Readings of a sensor in the hands of a person, without a radio."""
 
 import numpy as np
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.sensor import load_sensor
 
@@ -24,7 +23,7 @@ class HandHeldSensor:
         self.model = load_sensor(model) if isinstance(model, str) else model
         self._rng, self._noise_deg = np.random.default_rng(seed), noise_deg
         self.force_n, self.location_mm = 0.0, 40.0
-        self.slips_mm, self.flags, self.tares = 0.0, (), 0
+        self.slips_mm, self.flags = 0.0, ()
 
     def readings(self, count=GROUPS):
         """The readings of the next groups."""
@@ -56,8 +55,3 @@ class HandHeldSensor:
 
     def wait_for_reference(self, idle):
         idle()
-
-    def tare(self, idle, force=False):
-        if self.force_n and not force:
-            raise InputError("tare", "must be of the untouched sensor; release it")
-        self.tares += 1

@@ -13,9 +13,17 @@ from gnuradio.wiforce.sensor.curves import FORMS
 from gnuradio.wiforce.signal.carrier import CARRIERS_HZ, same_carrier, wrap_deg
 
 from ..shell.commands import GroupedHelp
-from ..shell.options import CARRIER_HZ, FiniteRange, Number, sensor_names, sensor_output
+from ..shell.options import (
+    CARRIER_HZ,
+    FiniteRange,
+    IntegerRange,
+    Number,
+    optional_radio_options,
+    sensor_names,
+    sensor_output,
+)
 from ..shell.plots import check_picture, save_picture
-from .guide import check_guided, guide, guided_options, table_of
+from .guide import check_guided, guide, table_of
 
 # What parameters of the library are called here.
 _OPTION_OF = {
@@ -28,6 +36,15 @@ _OPTION_OF = {
 # Parameters of the library that options set.
 _SETTINGS = "length_mm permittivity form onset_force_n location_steps mirror ruler_std_mm".split()
 _POINTS = 80  # of a curve in a picture
+
+
+def _numbers(context, parameter, value):
+    """Numbers separated by commas."""
+    try:
+        return None if value is None else tuple(map(float, value.split(",")))
+    except ValueError:
+        rule = f"{value!r} is not a list of numbers such as 20,30,40."
+        raise click.BadParameter(rule) from None
 
 
 @click.command(
@@ -117,7 +134,45 @@ _POINTS = 80  # of a curve in a picture
     type=click.Choice(["strips", "table", "gaussian"]),
     help="With --surface: form of the spreading law; strips: a table for each. Default: strips.",
 )
-@guided_options
+@click.option(
+    "--live",
+    is_flag=True,
+    help="Lead through the measurements with a UHD device (docs/sensors.md).",
+)
+@optional_radio_options
+@click.option("--sensor", help="With --live: the scene's sensor. Default: its only one.")
+@click.option(
+    "--locations",
+    callback=_numbers,
+    metavar="LIST",
+    help="With --live: mm from port 1. Default: 20,30,40,50,60.",
+)
+@click.option(
+    "--forces",
+    callback=_numbers,
+    metavar="LIST",
+    help="With --live: N, at each location. Default: 1,1.5,2,2.5,3,3.5,4,4.5,5,6,7,8.",
+)
+@click.option(
+    "--sweeps",
+    type=IntegerRange(1, 20),
+    default=1,
+    show_default=True,
+    help="With --live: runs over the forces at each location, rising and falling in turn.",
+)
+@click.option(
+    "--scale",
+    metavar="SOURCE",
+    help="With --live: where forces come from; a CSV file or pipe with a column force_n, or "
+    "serial:DEVICE (needs pyserial). Default: typed.",
+)
+@click.option(
+    "--scale-unit",
+    default="N",
+    show_default=True,
+    help="Unit of a serial scale whose lines contain none: N, mN, g, kg, lb, oz.",
+)
+@click.option("--baud", type=IntegerRange(1), default=9600, show_default=True)
 def calibrate(
     table,
     output,

@@ -17,9 +17,9 @@ HELP = """\
     u  undo: remove the last measurement that was stored
     s  skip this force           n  skip the rest of this location
     r  show how much is measured, and what does not fit
-    t  tare: measure the untouched reference again (release the sensor first)
     f  finish now with what is stored
-    q  quit; everything stored is kept, and the same command continues"""
+    q  quit; everything stored is kept. The same command continues, with a new reference of the
+       untouched sensor"""
 
 
 # What the person sees, instead of the library's parameters.
@@ -35,13 +35,11 @@ class GuidedCalibration:
         plan = session.plan
         self._largest_deg = steady_deg(plan.frequency_hz, plan.permittivity)
         self._location_mm, self._ended = None, None
-        self._tare_refused = False
         self._commands = {
             "u": self._undo,
             "s": session.skip,
             "n": lambda target: session.skip_location(target.location_mm),
             "r": lambda target: self.show_progress(),
-            "t": self._tare,
             "f": lambda target: self._end(True),
             "q": lambda target: self._end(False),
             "?": lambda target: self._echo(HELP),
@@ -118,7 +116,6 @@ class GuidedCalibration:
         return True
 
     def _measure(self, line, target):
-        self._tare_refused = False
         try:
             press = self._press(line, target)
             self._session.add(press)
@@ -165,17 +162,6 @@ class GuidedCalibration:
             self._echo("  removed: the untouched sensor")
         else:
             self._echo(f"  removed: {removed.force_n:.2f} N at {removed.location_mm:g} mm")
-
-    def _tare(self, target):
-        force, self._tare_refused = self._tare_refused, False
-        try:
-            self._presses.tare(self._idle, force)
-        except InputError as error:
-            self._echo(f"  {error}")
-            self._echo("  If it is released, t measures the reference nevertheless.")
-            self._tare_refused = True
-        else:
-            self._echo("  the untouched reference was measured again")
 
     def _end(self, finished):
         self._ended = finished

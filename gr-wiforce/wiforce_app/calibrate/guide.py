@@ -8,17 +8,14 @@ import select
 import stat
 import time
 from collections import deque
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
-from queue import SimpleQueue
 
 import click
 from gnuradio.wiforce.calibration.gauges import ForceGauge, parse_force, unit_n
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.optional import optional_module
 from gnuradio.wiforce.press.uncalibrated_readings import uncalibrated_readings
-
-from ..shell.options import IntegerRange, optional_radio_options
 
 # Length of a measurement: a person can hold a press still for half a second.
 _MEASURE_S = 0.5
@@ -35,7 +32,7 @@ class LivePresses:
         from gnuradio.wiforce.calibration.session import LEAST_GROUPS
 
         self._session, self._keeper, self._sensor = session, keeper, sensor
-        self._period_s, self._reference_s = scene.group_period_s, scene.reference_s
+        self._period_s = scene.group_period_s
         self._readings = deque(maxlen=_KEPT)
         self.groups = max(LEAST_GROUPS, math.ceil(_MEASURE_S / self._period_s))
         index = scene.sensor_names.index(sensor)
@@ -57,21 +54,17 @@ class LivePresses:
             raise self._session.reader.failure
 
     def collect(self, idle):
-        """Readings of groups that begin after this call."""
-        return self._after(self._session.time_s, self.groups, idle)
-
-    def _after(self, begin_s, groups, idle):
-        """Readings of the first groups that begin after a time of the run."""
+        """Readings of the first groups that begin after this call."""
+        begin_s = self._session.time_s + self._period_s / 2
 
         def found():
-            begun_s = begin_s + self._period_s / 2
-            return [each for each in list(self._readings) if each.time_s >= begun_s]
+            return [each for each in list(self._readings) if each.time_s >= begin_s]
 
-        wait_s = begin_s - self._session.time_s + 4 * groups * self._period_s
-        if not self._wait(lambda: len(found()) >= groups, _PATIENCE_S + 2 * wait_s, idle):
-            rule = f"must give {groups} readings; is its tag on, and in reach?"
+        patience_s = _PATIENCE_S + 8 * self.groups * self._period_s
+        if not self._wait(lambda: len(found()) >= self.groups, patience_s, idle):
+            rule = f"must give {self.groups} readings; is its tag on, and in reach?"
             raise InputError(f"sensor '{self._sensor}'", rule, len(found()))
-        return found()[:groups]
+        return found()[: self.groups]
 
     @staticmethod
     def _wait(come, patience_s, idle):
@@ -93,23 +86,6 @@ class LivePresses:
         if not self._wait(measured, _START_PATIENCE_S, idle):
             rule = "must give readings; run `gr-wiforce check` with the same scene and gains"
             raise InputError(f"sensor '{self._sensor}'", rule)
-
-    def tare(self, idle, force=False):
-        """Measure the untouched reference again, with ``force`` also while it seems touched."""
-        touched = sum(reading.touch == 1 for reading in self.collect(idle))
-        if touched and not force:
-            raise InputError("tare", "must be of the untouched sensor; release it")
-        outcomes = SimpleQueue()
-        self._session.reader.tare(force, outcomes.put)
-        patience_s = _PATIENCE_S + 2 * self._reference_s
-        while not self._wait(lambda: not outcomes.empty(), patience_s, idle):
-            self._session.reader.cancel_tare("no groups are received")
-        outcome = outcomes.get()
-        if outcome.state != "complete":
-            raise InputError("tare", f"{outcome.state}: {outcome.reason}")
-        # The first group after the reference is not part of it.
-        self._after(self._session.time_s + self._period_s, 1, idle)
-        self.wait_for_reference(idle)
 
 
 _WAIT_S = 0.05
@@ -159,11 +135,12 @@ class _LineScale:
 
     def poll(self):
         """Take what has arrived."""
-        *lines, self._rest = (self._rest + self._read()).replace(b"\r", b"\n").split(b"\n")
-        self._rest = self._rest[-_SCALE_BYTES:]
-        for line in lines:
-            if line.strip():
-                self._take(line.decode("utf-8", "replace"))
+        while data := self._read():
+            *lines, rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
+            self._rest = rest[-_SCALE_BYTES:]
+            for line in lines:
+                if line.strip():
+                    self._take(line.decode("utf-8", "replace"))
 
     def _take(self, line):
         self.gauge.note(time.monotonic(), line)
@@ -181,41 +158,31 @@ class CsvScale(_LineScale):
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise InputError(path, f"cannot be read ({reason})") from error
-        self._skip = stat.S_ISREG(os.fstat(self._descriptor).st_mode)
+        if stat.S_ISREG(os.fstat(self._descriptor).st_mode):
+            self.poll()
+            self.gauge = ForceGauge(str(path), now_s=time.monotonic())
 
     def close(self):
         os.close(self._descriptor)
 
     def _read(self):
         try:
-            data = os.read(self._descriptor, _SCALE_BYTES)
+            return os.read(self._descriptor, _SCALE_BYTES)
         except BlockingIOError:
             return b""
         except OSError as error:
             raise InputError(self._path, f"cannot be read ({error.strerror})") from error
-        if self._column is not None or b"\n" not in data:
-            return data
-        header, data = data.split(b"\n", 1)
-        self._read_header((self._rest + header).decode("utf-8", "replace"))
-        self._rest = b""
-        if self._skip:
-            os.lseek(self._descriptor, 0, os.SEEK_END)
-            return b""
-        return data
-
-    def _read_header(self, line):
-        names = [name.strip() for name in next(csv.reader([line.lstrip("\ufeff")]), [])]
-        if "force_n" not in names:
-            raise InputError(self._path, "must have a header with a column force_n", line.strip())
-        self._column = names.index("force_n")
 
     def _take(self, line):
-        cells = next(csv.reader([line]), [])
-        try:
-            force_n = parse_force(cells[self._column])
-        except (IndexError, InputError):
+        cells = [cell.strip() for cell in next(csv.reader([line.lstrip("\ufeff")]), [])]
+        if self._column is None:
+            if "force_n" not in cells:
+                rule = "must have a header with a column force_n"
+                raise InputError(self._path, rule, line.strip())
+            self._column = cells.index("force_n")
             return
-        self.gauge.note_force(time.monotonic(), force_n)
+        with suppress(IndexError, InputError):
+            self.gauge.note_force(time.monotonic(), parse_force(cells[self._column]))
 
 
 class SerialScale(_LineScale):
@@ -243,68 +210,6 @@ class SerialScale(_LineScale):
 
 
 _OPTION_OF = {"location_mm": "--locations", "force_n": "--forces", "sweeps": "--sweeps"}
-
-
-class _Numbers(click.ParamType):
-    """Numbers separated by commas."""
-
-    name = "list"
-
-    def convert(self, value, param, ctx):
-        if isinstance(value, tuple):
-            return value
-        try:
-            return tuple(float(part) for part in value.split(","))
-        except ValueError:
-            self.fail(f"{value!r} is not a list of numbers such as 20,30,40.", param, ctx)
-
-
-_OPTIONS = (
-    click.option(
-        "--live",
-        is_flag=True,
-        help="Lead through the measurements with a UHD device (docs/sensors.md).",
-    ),
-    optional_radio_options,
-    click.option("--sensor", help="With --live: the scene's sensor. Default: its only one."),
-    click.option(
-        "--locations",
-        type=_Numbers(),
-        help="With --live: mm from port 1. Default: 20,30,40,50,60.",
-    ),
-    click.option(
-        "--forces",
-        type=_Numbers(),
-        help="With --live: N, at each location. Default: 1,1.5,2,2.5,3,3.5,4,4.5,5,6,7,8.",
-    ),
-    click.option(
-        "--sweeps",
-        type=IntegerRange(1, 20),
-        default=1,
-        show_default=True,
-        help="With --live: runs over the forces at each location, rising and falling in turn.",
-    ),
-    click.option(
-        "--scale",
-        metavar="SOURCE",
-        help="With --live: where forces come from; a CSV file or pipe with a column force_n, or "
-        "serial:DEVICE (needs pyserial). Default: typed.",
-    ),
-    click.option(
-        "--scale-unit",
-        default="N",
-        show_default=True,
-        help="Unit of a serial scale whose lines contain none: N, mN, g, kg, lb, oz.",
-    ),
-    click.option("--baud", type=IntegerRange(1), default=9600, show_default=True),
-)
-
-
-def guided_options(command):
-    """Add the options of ``--live``."""
-    for option in reversed(_OPTIONS):
-        command = option(command)
-    return command
 
 
 def check_guided(live, guided):

@@ -48,12 +48,12 @@ _REFUSED = {
     "reference": "the untouched reference is being measured; release the sensor and wait",
     "gap": "samples were lost",
     "saturated": "the receiver is saturated; lower the gains until nothing is clipped",
-    "moved": "the tag or an antenna moved; release the sensor and tare (t)",
+    "moved": "the tag or an antenna moved; release the sensor, quit (q), continue",
     "transition": "the press changed",
 }
 _REFUSED_UNTOUCHED = {
     **_REFUSED,
-    "inconsistent": "the untouched reference was disturbed; release the sensor and tare (t)",
+    "inconsistent": "its reference was disturbed; release the sensor, quit (q), continue",
     "weak": "the tag is received too weakly",
 }
 
@@ -326,7 +326,7 @@ class CalibrationSession:
             if change > _UNTOUCHED_DEG:
                 rule = (
                     f"must have the phases of the session's start within {_UNTOUCHED_DEG:g} deg "
-                    "(is the scene's model still the same?); tare, or begin a new session"
+                    "(is the scene's model still the same?); quit (q) and continue, or begin anew"
                 )
                 raise InputError("measurement", rule, round(change, 1))
 

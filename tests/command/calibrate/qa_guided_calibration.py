@@ -87,10 +87,7 @@ def test_careful_person_is_led_to_a_complete_session(sensor, path):
     ("entry", "reason"),
     [
         ("", "must be typed"),
-        ("two", "must be a number such as 2.5"),
         ("204", "force: must be 0.5 to 10 N (is it in g? 204 g are 2 N)"),
-        ("-1", "a gauge that shows less than nothing is inverted"),
-        ("6", "force: must be about 1 N, as asked for"),
     ],
 )
 def test_wrong_entry_is_explained_and_asked_again(sensor, path, entry, reason):
@@ -150,14 +147,6 @@ def test_location_left_early_does_not_cost_the_sensor(tmp_path, monkeypatch):
 def test_finishing_early_makes_a_sensor_of_what_is_stored(sensor, path):
     finished, _, measurements = run(sensor, path, ["1", "f"])
     assert finished and len(measurements) == 2
-
-
-def test_tare_while_pressed_is_carried_out_when_repeated(sensor, path):
-    """A reference that was measured during a press shows a touch until it is measured again."""
-    _, shown, _ = run(sensor, path, ["t", "1", "t", "t"])
-    assert shown.count("must be of the untouched sensor") == 2 and sensor.tares == 1
-    assert "t measures the reference nevertheless" in shown
-    assert shown.count("reference was measured again") == 1
 
 
 def test_sensor_that_is_still_pressed_is_not_taken_as_untouched(sensor, path):

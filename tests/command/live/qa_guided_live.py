@@ -122,28 +122,3 @@ def test_options_of_a_guided_calibration_need_live(tmp_path, capsys):
     """They would be ignored without a word."""
     assert main(["calibrate", "t.csv", "--sweeps", "2", "-o", str(tmp_path / "arm.yaml")]) == 2
     assert "--sweeps needs --live" in capsys.readouterr().err
-
-
-def test_reference_that_was_touched_is_measured_again(bench, tmp_path):
-    """The reader takes the released sensor for a touched one: nothing could be measured."""
-    with bench.person(tmp_path / "arm.yaml") as person:
-
-        def answer(*lines):
-            for line in lines:
-                person.type(line)
-                prompt = person.prompt()
-            return prompt
-
-        person.prompt()
-        person.press(4.0, 40.0)
-        answer("t", "t")
-        assert person.shown.count("tare: must be of the untouched sensor") == 1
-        person.release()
-        answer("")
-        assert "not stored: untouched sensor: must" in person.shown
-        prompt = answer("t", "t")
-        assert person.shown.count("reference was measured again") >= 2
-        for _ in range(2):
-            person.answer(prompt)
-            prompt = person.prompt()
-        assert "phases -172." in person.shown and "stored, 1 of 10" in person.shown
