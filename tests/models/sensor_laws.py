@@ -85,13 +85,6 @@ def wrap(angle):
     return (np.asarray(angle) + 180.0) % 360.0 - 180.0
 
 
-def brute_force_inversion(phases, model_deg, forces, locations):
-    """The grid point whose phases are nearest; ``model_deg`` (forces, locations, 2)."""
-    away = np.sum(wrap(phases - model_deg) ** 2, axis=-1)
-    i, j = np.unravel_index(np.argmin(away), away.shape)
-    return forces[i], locations[j]
-
-
 @dataclass(frozen=True)
 class LawResult:
     """Errors of readings of one law at one carrier, by location."""

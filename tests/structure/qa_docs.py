@@ -322,7 +322,9 @@ def test_pages_hold_whole_scenes(tmp_path):
     assert [sensor.name for sensor in plan.sensors] == ["arm"]
     (tmp_path / "wifi.yaml").write_text(code_blocks("wifi.md", "yaml")[0])
     assert wiforce.load_scene(tmp_path / "wifi.yaml").simulation.snr_db == -12
-    strips, presses = code_blocks("sensors.md", "yaml")[1:3]
+    line, strips, presses = code_blocks("sensors.md", "yaml")[:3]
+    (tmp_path / "line.yaml").write_text(line)
+    assert wiforce.load_sensor(tmp_path / "line.yaml").kind == "line"
     for name in ("low.yaml", "high.yaml"):
         strips = strips.replace(name, "line-900mhz-calibrated")
     bare = "".join(line for line in strips.splitlines(True) if "spreading_file" not in line)

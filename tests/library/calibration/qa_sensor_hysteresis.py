@@ -91,14 +91,6 @@ def test_readings_of_a_soft_beam_lie_inside_their_standard_deviations(soft):
     assert within_two_std(rigid(soft), beam) < 0.85
 
 
-def test_creep_shows_as_difference_between_loading_and_unloading():
-    beam = Beam(hysteresis=0.0, creep=0.08, creep_s=5.0)
-    shown = shown_force(press(8.0, 40.0), TIMES_S, beam)
-    largest_n = np.max(shown[::-1] - shown)  # the same forces, later
-    found = calibrate(table(beam), "creeping").carriers[0].hysteresis_n
-    assert 2 * found == pytest.approx(largest_n, rel=0.25) and largest_n > 0.2
-
-
 def test_one_branch_says_nothing_about_hysteresis():
     loading = table(Beam(hysteresis=0.06, creep=0.0), TIMES_S[:20])
     assert calibrate(loading, "loaded").carriers[0].hysteresis_n is None
