@@ -183,7 +183,7 @@ class LiveSession:
     @property
     def clock(self) -> tuple[float, float] | None:
         """Offset of UTC from the first device's continued time and uncertainty in s, or None."""
-        streams, stream_offset_s = self.source.stream_clock
+        streams, stream_offset_s = self.source.times.stream_clock
         if self._link is None or self._link.clock is None or streams != self._attached:
             return None
         offset_s, uncertainty_s = self._link.clock

@@ -9,6 +9,7 @@ import struct
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,9 +61,8 @@ _LONGEST_STEP_S = 3000.0
 Time = tuple[int, float]
 
 
-def _boot_time_s() -> float:
-    """Seconds since the machine was started, those in standby included."""
-    return time.clock_gettime(time.CLOCK_BOOTTIME)
+# Seconds since the machine was started, those in standby included.
+_boot_time_s = partial(time.clock_gettime, time.CLOCK_BOOTTIME)
 
 
 class ResumedTime:
@@ -81,18 +81,13 @@ class ResumedTime:
         self._last_s = 0.0  # host time of the last of them
         self._origin: Time | None = None
         self._offset: Time = (0, 0.0)  # from the present stream's clock to the first one's
-        self._streams = 0
-        self._stream_clock = 0, 0.0
+        # Number of streams that have begun, and what is added to the clock of the last, in s.
+        self.stream_clock = 0, 0.0
 
     @property
     def started(self) -> bool:
         """Whether a stream has begun."""
         return self._origin is not None
-
-    @property
-    def stream_clock(self) -> tuple[int, float]:
-        """Number of streams that have begun, and what is added to the clock of the last, in s."""
-        return self._stream_clock
 
     def begin(self, device_time: Time | None, frame_offset: int = 0) -> list[Time]:
         """Begin a stream, at ``frame_offset`` in a frame; the times of its first samples.
@@ -100,9 +95,9 @@ class ResumedTime:
         More than one after a long break. Without a device time, its samples are its clock.
         """
         device_time = device_time or (0, 0.0)
-        self._streams += 1
+        streams = self.stream_clock[0] + 1
         if self._origin is None:
-            self._stream_clock = self._streams, 0.0
+            self.stream_clock = streams, 0.0
             self._origin = device_time
             self._timeline.note(0, time_value(*self._origin))
             return [self._origin]
@@ -120,7 +115,7 @@ class ResumedTime:
             times.append(value)
         first = _added(times[-1], (0, -(steps - 1) / self._rate))
         self._offset = _added(first, (-device_time[0], -device_time[1]))
-        self._stream_clock = self._streams, sum(self._offset)
+        self.stream_clock = streams, sum(self._offset)
         return times
 
     def of(self, item: int, device_time: Time) -> Time:
@@ -171,7 +166,7 @@ class sample_receiver(Kept, gr.sync_block):
         signature = [(np.int16, 2)] * antennas
         gr.sync_block.__init__(self, "sample_receiver", in_sig=None, out_sig=signature)
         self._antennas = antennas
-        self._times = ResumedTime(sample_rate, frame_length)
+        self.times = ResumedTime(sample_rate, frame_length)
         self._waiting: deque[tuple[socket.socket, bool]] = deque()
         self._stream: socket.socket | None = None
         self._search = search
@@ -185,11 +180,6 @@ class sample_receiver(Kept, gr.sync_block):
     @property
     def idle_s(self) -> float:
         return time.monotonic() - self._heard_s
-
-    @property
-    def stream_clock(self) -> tuple[int, float]:
-        """Number of streams that have begun, and the time added to the clock of the last, in s."""
-        return self._times.stream_clock
 
     def attach(self, stream: socket.socket, aligned: bool = False) -> None:
         """Read another stream behind those before, ``aligned`` to a frame or as the first."""
@@ -310,7 +300,7 @@ class sample_receiver(Kept, gr.sync_block):
         self.peak = max(self.peak, peak)
         tags_of = self._take_tags(count) if self._tags or self._begins else []
         self.received += count
-        self._times.received(count)
+        self.times.received(count)
         return count, tags_of
 
     def _take_tags(self, count: int) -> list[Tag]:
@@ -324,7 +314,7 @@ class sample_receiver(Kept, gr.sync_block):
         for tag in due:
             item = self._packet_start + tag.sample
             if tag.key == names.RX_TIME:
-                value = time_value(*self._times.of(item, (tag.seconds, tag.value)))
+                value = time_value(*self.times.of(item, (tag.seconds, tag.value)))
             else:
                 value = pmt.from_double(tag.value)
             tags.append((item, pmt.intern(tag.key), value))
@@ -332,11 +322,11 @@ class sample_receiver(Kept, gr.sync_block):
 
     def _beginning(self, first: int, due: list[SampleTag]) -> list[Tag]:
         """Tags of a stream that begins with a sample; its own time is removed from ``due``."""
-        resumes = self._times.started
+        resumes = self.times.started
         mine = [tag for tag in due if tag.key == names.RX_TIME and tag.sample == 0]
         begins = (mine[0].seconds, mine[0].value) if mine else None
         offset = self._search.offset if self._aligned and self._search is not None else None
-        times = self._times.begin(begins, offset or 0)
+        times = self.times.begin(begins, offset or 0)
         for tag in mine:
             due.remove(tag)
         key = pmt.intern(names.RX_TIME)

@@ -129,13 +129,12 @@ class usrp(Kept, gr.hier_block2):
         )
         # Inner connections hold C++ parts only, and there is no message port: with one, GNU Radio
         # would never destroy the block, and the device would stay open.
-        device_time = partial(device_time_of, self.transmitter)
         self._start = timed_frames(
             partial(_begin_together, self.transmitter, self.receiver),
-            device_time,
+            partial(device_time_of, self.transmitter),
             frame,
             scene.radio.sample_rate_hz,
-            DeviceWatch(device_time),
+            watches=True,
         )
         self.connect(self._start.gateway, self.transmitter)
         self.connect(self.receiver, self.alignment.gateway, self._impl)
@@ -230,43 +229,6 @@ def _begin_together(transmitter: Any, receiver: Any) -> DeviceTime:
     return start.get_full_secs(), start.get_frac_secs()
 
 
-class DeviceWatch:
-    """Asks a device for its time once a second; two RuntimeErrors in a row say that it is lost."""
-
-    def __init__(self, ask: Callable[[], object]) -> None:
-        self._ask = ask
-        self._silent, self._stopped = 0, threading.Event()
-
-    def start(self) -> None:
-        """Watch until :meth:`stop`."""
-        self._silent = 0
-        self._stopped.clear()
-        threading.Thread(target=self._wait, name="device_watch", daemon=True).start()
-
-    def stop(self) -> None:
-        self._stopped.set()
-
-    def _wait(self) -> None:
-        while not self._stopped.wait(PATIENCE_S):
-            self.look()
-
-    def look(self) -> None:
-        """Ask once."""
-        try:
-            self._ask()
-        except RuntimeError:
-            self._silent += 1
-        else:
-            self._silent = 0
-        if self._silent == 2:
-            gr.log.error(
-                "usrp: the device is lost, it does not answer; check its cable and its power, and "
-                "start the program again"
-            )
-            # An exit status; else the program ends with a trace of memory addresses when stopped.
-            exit_on_terminate(1)
-
-
 # Samples that a transmitter is given together; it takes packets, and called after each of them,
 # a Python block takes a quarter of a core.
 _SENT_TOGETHER = _TOGETHER // 2
@@ -277,7 +239,7 @@ class timed_frames(Kept, gr.sync_block):
 
     After an underflow all packets are late and discarded (UHD manual, "Error Codes"), so that times
     begin anew, later by whole frames, ``skipped_s`` in all. ``begin`` gives the time of a run's
-    first sample, ``device_time`` the present one, ``watch`` looks at the device.
+    first sample, ``device_time`` the present one; ``watches``: says when the device is lost.
     """
 
     def __init__(
@@ -286,7 +248,7 @@ class timed_frames(Kept, gr.sync_block):
         device_time: Callable[[], DeviceTime],
         frame: Array,
         sample_rate: float,
-        watch: DeviceWatch | None = None,
+        watches: bool = False,
     ) -> None:
         item = item_type_named(_ITEM_TYPE).item
         gr.sync_block.__init__(self, "timed_frames", in_sig=None, out_sig=[item])
@@ -297,7 +259,7 @@ class timed_frames(Kept, gr.sync_block):
         self._first: int | None = None
         self._start: DeviceTime = (0, 0.0)
         self._skipped = self._next_look = 0  # in samples
-        self._watch = watch
+        self._watches, self._stopped = watches, threading.Event()
         self.set_output_multiple(_SENT_TOGETHER)
         self.set_min_output_buffer(2 * _TOGETHER)
 
@@ -307,14 +269,33 @@ class timed_frames(Kept, gr.sync_block):
 
     def start(self) -> bool:
         self._first, self._skipped, self._next_look = None, 0, 0
-        if self._watch is not None:
-            self._watch.start()
+        self._stopped.clear()
+        if self._watches:
+            threading.Thread(target=self._watch, name="device_watch", daemon=True).start()
         return super().start()
 
     def stop(self) -> bool:
-        if self._watch is not None:
-            self._watch.stop()
+        self._stopped.set()
         return super().stop()
+
+    def _watch(self) -> None:
+        """Ask the device for its time once a second; two failures in a row say that it is lost."""
+        silent = 0
+        while silent < 2:
+            if self._stopped.wait(PATIENCE_S):
+                return
+            try:
+                self._device_time()
+            except RuntimeError:
+                silent += 1
+            else:
+                silent = 0
+        gr.log.error(
+            "usrp: the device is lost, it does not answer; check its cable and its power, and "
+            "start the program again"
+        )
+        # An exit status; else the program ends with a trace of memory addresses when stopped.
+        exit_on_terminate(1)
 
     def work(self, _: list[Array], output_items: list[Array]) -> int:
         now, out = self.nitems_written(0), output_items[0][:_SENT_TOGETHER]

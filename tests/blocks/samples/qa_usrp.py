@@ -9,7 +9,7 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.blocks.usrp import DeviceWatch, require_rate, timed_frames
+from gnuradio.wiforce.blocks.usrp import require_rate, timed_frames
 from gnuradio.wiforce.errors import InputError
 from live_runs import FRAMES, SLOW, scene_file, wait_until
 from software_usrp import SoftwareUsrp
@@ -146,21 +146,18 @@ def test_times_begin_anew_by_whole_frames_once_they_have_passed(late_s):
     assert timed.skipped_s == pytest.approx(round(frames) * frame / rate)
 
 
-def test_watch_says_once_that_the_device_is_lost(monkeypatch):
+def test_frames_say_once_that_the_device_is_lost(monkeypatch):
     """Readings ended without a word, and stopping printed addresses of memory."""
-    said, statuses, answers = [], [], ["", "x", "", "x", "x", "x"]
-    monkeypatch.setattr(usrp_block, "gr", SimpleNamespace(log=SimpleNamespace(error=said.append)))
+    said, statuses, answers = [], [], ["", "x", "", "x", "x"]
+    log = SimpleNamespace(error=lambda text: said.append((text, len(answers))))
+    monkeypatch.setattr(usrp_block.gr, "log", log)
     monkeypatch.setattr(usrp_block, "exit_on_terminate", statuses.append)
+    monkeypatch.setattr(usrp_block, "PATIENCE_S", 0)
 
     def ask():
         if answers.pop(0):
             raise RuntimeError("no response packet")
 
-    watch = DeviceWatch(ask)
-    for _ in range(4):
-        watch.look()
-    assert not said and not statuses
-    watch.look()
-    watch.look()
-    assert len(said) == 1 and "the device is lost" in said[0]
-    assert statuses == [1]
+    timed_frames(lambda: (0, 0.0), ask, np.zeros((4, 2), np.int16), 1e3)._watch()
+    ((sentence, left),) = said
+    assert "the device is lost" in sentence and left == 0 and statuses == [1]
