@@ -40,13 +40,7 @@ def read_many(given, scene, output, form, again, jobs, settings):
 
         load_scene(scene)
     captures = find_captures(given, settings["datatype"])
-    whole = _whole_file(output, form)
-    folder = _folder_of(output) if whole is None else whole.with_name(f"{whole.name}.parts")
-    if whole is not None:
-        # Refused before any capture is read.
-        optional_module("pyarrow", "--output")
-        check_output(whole)
-    suffix = "parquet" if whole is not None else form or "csv"
+    folder, suffix, whole = _destination(output, form)
     for capture in captures:
         if f"{capture.name}.{suffix}" == _RECORD:
             raise InputError(capture.path, f"readings cannot be called {_RECORD}; use --format csv")
@@ -184,24 +178,22 @@ def _text_of(error):
     return f"{type(error).__name__}: {error}"
 
 
-def _whole_file(output, form):
-    """The one Parquet file to write, None for a folder of files."""
+def _destination(output, form):
+    """Folder and suffix of the readings, and the one Parquet file that holds all, or None."""
     if output is None:
         rule = "is needed for several captures: a folder, or a file that ends in .parquet"
         raise InputError("--output", rule)
-    if not output.lower().endswith(".parquet"):
-        return None
-    if form not in (None, "parquet"):
-        raise InputError("--format", "must be parquet for a file that ends in .parquet", form)
-    return Path(output)
-
-
-def _folder_of(output):
-    folder = Path(output)
-    if format_of(folder) or folder.suffix.lower() == ".json" or folder.is_file():
+    path = Path(output)
+    if output.lower().endswith(".parquet"):
+        if form not in (None, "parquet"):
+            raise InputError("--format", "must be parquet for a file that ends in .parquet", form)
+        optional_module("pyarrow", "--output")
+        check_output(path)
+        return path.with_name(f"{path.name}.parts"), "parquet", path
+    if format_of(path) or path.suffix.lower() == ".json" or path.is_file():
         rule = "must be a folder, or a file that ends in .parquet, for several captures"
         raise InputError("--output", rule, output)
-    return folder
+    return path, form or "csv", None
 
 
 @dataclass(frozen=True)
