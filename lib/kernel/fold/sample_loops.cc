@@ -49,8 +49,9 @@ WIFORCE_INLINE Lanes larger(Lanes a, Lanes b)
 }
 
 // Half of the additions are independent: the next frame waits for them.
-WIFORCE_INLINE float sum_of(lanes values, float sum)
+WIFORCE_INLINE float sum_of(lanes values)
 {
+    float sum = 0;
     for (int n = 0; n < LANES / 2; n++)
         sum += values[n] + values[n + LANES / 2];
     return sum;
@@ -60,8 +61,6 @@ WIFORCE_INLINE float sum_of(lanes values, float sum)
 struct frame_noise {
     lanes smallest = {};
     lanes largest = {};
-    float smallest_rest = 0;
-    float largest_rest = 0;
 };
 
 /*
@@ -101,12 +100,10 @@ struct fc32_samples {
         *reinterpret_cast<lanes*>(out) = scale * sum;
     }
 
-    static WIFORCE_INLINE float one(float x) { return x; }
-    WIFORCE_INLINE void see(float x) { d_rest = larger(magnitude_bits(x), d_rest); }
     // The largest magnitude of all samples; not finite where one of them is not.
     WIFORCE_INLINE float peak() const
     {
-        std::int32_t most = d_rest;
+        std::int32_t most = 0;
         for (int n = 0; n < STEP; n++)
             most = larger<std::int32_t>(d_most[n], most);
         float value;
@@ -117,19 +114,12 @@ struct fc32_samples {
 private:
     // As integers, magnitudes are in the same order, and NaN is above all of them.
     static constexpr std::int32_t MAGNITUDE = 0x7fffffff;
-    static WIFORCE_INLINE std::int32_t magnitude_bits(float x)
-    {
-        std::int32_t bits;
-        std::memcpy(&bits, &x, sizeof(bits));
-        return bits & MAGNITUDE;
-    }
     WIFORCE_INLINE void see(lanes values)
     {
         d_most = larger(d_most, reinterpret_cast<integer_lanes>(values) & MAGNITUDE);
     }
 
     integer_lanes d_most = {};
-    std::int32_t d_rest = 0;
 };
 
 struct sc16_samples {
@@ -194,15 +184,10 @@ struct sc16_samples {
         }
     }
 
-    static WIFORCE_INLINE std::int32_t one(std::int16_t x) { return x; }
-    WIFORCE_INLINE void see(std::int16_t x)
-    {
-        d_rest = larger<float>(larger<float>(x, -x), d_rest);
-    }
     // The largest magnitude of all samples.
     WIFORCE_INLINE float peak() const
     {
-        float most = d_rest;
+        float most = 0;
         for (int n = 0; n < STEP; n++)
             most = larger(larger<float>(d_high[n], -float(d_low[n])), most);
         return most;
@@ -225,7 +210,6 @@ private:
 
     short_lanes d_low = {};
     short_lanes d_high = {};
-    float d_rest = 0;
 };
 
 template <class Samples, class Frames>
@@ -249,27 +233,18 @@ fold(Frames of, int repetitions, int width, float scale, float* folded, float* n
                 }
             samples.step(x + n, width, repetitions, scale, out + n, levels);
         }
-        for (; n < width; n++) {
-            auto sum = Samples::one(x[n]);
-            float low = 0;
-            float high = 0;
-            samples.see(x[n]);
-            for (int r = 1; r < repetitions; r++) {
-                const auto value = Samples::one(x[r * width + n]);
-                samples.see(x[r * width + n]);
-                sum += value;
-                const float difference = value - Samples::one(x[(r - 1) * width + n]);
-                const float square = difference * difference;
-                low = r == 1 || square < low ? square : low;
-                high = square > high ? square : high;
+        if (n < width) { // the last ones, beside some that were seen already
+            const int first = width - Samples::STEP;
+            frame_noise last;
+            samples.step(x + first, width, repetitions, scale, out + first, last);
+            for (int i = (n - first) * LANES / Samples::STEP; i < LANES; i++) {
+                levels.smallest[i] += last.smallest[i];
+                levels.largest[i] += last.largest[i];
             }
-            levels.smallest_rest += low;
-            levels.largest_rest += high;
-            out[n] = scale * sum;
         }
         const float each = unit * unit / width;
-        noise[2 * frame] = each * sum_of(levels.smallest, levels.smallest_rest);
-        noise[2 * frame + 1] = each * sum_of(levels.largest, levels.largest_rest);
+        noise[2 * frame] = each * sum_of(levels.smallest);
+        noise[2 * frame + 1] = each * sum_of(levels.largest);
     }
     return samples.peak();
 }

@@ -7,8 +7,8 @@
 namespace gr::wiforce::kernel {
 
 // The inner loops over samples, for the instruction set of the processor (clones.h).
-// "Vectors" are `width` floats, an even number: the real and imaginary parts of a folded
-// symbol. The default width of 128 has loops of its own, which are unrolled.
+// "Vectors" are `width` floats, an even number from 32 on: real and imaginary parts of a
+// folded symbol. The default width of 128 has loops of its own, which are unrolled.
 
 template <class Component>
 struct repeated_symbols {
