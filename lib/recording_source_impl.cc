@@ -21,17 +21,7 @@ public:
                          gr::io_signature::make(0, 0, 0),
                          gr::io_signature::make(
                              1, 1, folder.symbol_length() * sizeof(kernel::fc32))),
-          d_frames(path,
-                   datatype,
-                   segments,
-                   folder,
-                   frame_offset,
-                   header_bytes,
-                   [this](std::uint64_t samples) {
-                       d_logger->warn(
-                           "frame timing slipped by {:d} samples; resynchronised",
-                           samples);
-                   }),
+          d_frames(path, datatype, segments, folder, frame_offset, header_bytes),
           d_reader(d_frames)
     {
     }
@@ -50,11 +40,15 @@ public:
                 d_reader.begin(d_frames.take(ready));
             }
             const std::uint64_t first = d_reader.rest().frame;
-            for (; d_slips < d_frames.misplaced().size(); d_slips++)
+            for (; d_slips < d_frames.misplaced().size(); d_slips++) {
+                const auto& misplaced = d_frames.misplaced()[d_slips];
+                d_logger->warn("frame timing slipped before frame {:d}; resynchronised",
+                               misplaced.second);
                 add_item_tag(0,
                              nitems_written(0) + produced,
                              keys::slipped,
-                             slip_value(d_frames.misplaced()[d_slips]));
+                             slip_value(misplaced));
+            }
             d_noise.resize(noutput_items - produced);
             const int count = d_reader.fold(noutput_items - produced,
                                             out + produced * d_frames.symbol_length(),

@@ -248,13 +248,11 @@ recorded_frames::recorded_frames(const std::string& path,
                                  const std::vector<recording::segment>& segments,
                                  const preamble_folder& folder,
                                  std::uint64_t frame_offset,
-                                 std::uint64_t header_bytes,
-                                 std::function<void(std::uint64_t)> on_slip)
+                                 std::uint64_t header_bytes)
     : d_folder(folder),
       d_recording(path, datatype, segments, header_bytes),
       d_walk(folder, frame_offset),
-      d_watched(d_recording.part()),
-      d_on_slip(std::move(on_slip))
+      d_watched(d_recording.part())
 {
 }
 
@@ -266,9 +264,12 @@ std::uint64_t recorded_frames::ready()
             d_walk.whole_frames(std::min(d_recording.ahead(), d_walk.until_decision()));
         if (whole > 0)
             return whole;
-        if (d_walk.decision_is_due())
-            follow_frames();
-        else if (!start_segment())
+        if (d_walk.decision_is_due()) {
+            if (d_walk.decide() > 0) {
+                d_frames_moved += 1;
+                d_misplaced.push_back(d_walk.misplaced());
+            }
+        } else if (!start_segment())
             return 0;
     }
 }
@@ -295,17 +296,6 @@ void recorded_frames::pass(std::uint64_t samples)
     if (held < watched)
         d_walk.skip(0); // forgets the zeros
     d_recording.pass(watched);
-}
-
-void recorded_frames::follow_frames()
-{
-    const std::uint64_t lost = d_walk.decide();
-    if (lost == 0)
-        return;
-    d_frames_moved += 1;
-    d_misplaced.push_back(d_walk.misplaced());
-    if (d_on_slip)
-        d_on_slip(lost);
 }
 
 bool recorded_frames::start_segment()

@@ -7,7 +7,6 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -171,15 +170,13 @@ struct frame_run {
 class recorded_frames
 {
 public:
-    // `on_slip` is called with the samples by which frame timing slipped. Throws as
-    // `recording` does.
+    // Throws as `recording` does.
     recorded_frames(const std::string& path,
                     const std::string& datatype,
                     const std::vector<recording::segment>& segments,
                     const preamble_folder& folder,
                     std::uint64_t frame_offset,
-                    std::uint64_t header_bytes,
-                    std::function<void(std::uint64_t)> on_slip = {});
+                    std::uint64_t header_bytes);
 
     // Whole frames that follow each other in the file, from frame() on; 0 at the end.
     std::uint64_t ready();
@@ -208,14 +205,12 @@ private:
     friend class frame_reader;
 
     void pass(std::uint64_t samples);
-    void follow_frames();
     bool start_segment();
 
     const preamble_folder d_folder;
     recording d_recording;
     frame_walk d_walk;
     const std::unique_ptr<mapped_part> d_watched;
-    const std::function<void(std::uint64_t)> d_on_slip;
     counter d_folded;
     counter d_frames_moved;
     std::vector<frame_range> d_misplaced;
