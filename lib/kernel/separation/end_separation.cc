@@ -208,10 +208,9 @@ struct end_separation::one {
     {
         const std::size_t rows = of.weights->tones();
         parts.resize(rows * subcarriers);
-        if (of.single)
-            parts_of(of.single, rows, subcarriers, parts.data());
-        else
-            parts_of(of.tones, rows, subcarriers, parts.data());
+        std::visit(
+            [&](const auto* tones) { parts_of(tones, rows, subcarriers, parts.data()); },
+            of.tones);
         white.resize(parts.size());
         level = whiten(
             of.weights->whitener().data(), parts.data(), rows, subcarriers, white.data());

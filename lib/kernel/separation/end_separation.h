@@ -10,6 +10,7 @@
 #include <deque>
 #include <functional>
 #include <utility>
+#include <variant>
 #include <vector>
 
 namespace gr::wiforce::kernel {
@@ -59,9 +60,7 @@ public:
         const group_weights* weights;
         double center_s;
         bool complete; // the noise may be learned from it
-        // M x K, in single or in double precision; the other one is null.
-        const std::complex<float>* single;
-        const complex* tones;
+        std::variant<const fc32*, const complex*> tones; // M x K
     };
 
     // What the tags do beyond the fit of a group, by its number and the tags' clocks

@@ -111,12 +111,6 @@ inline __attribute__((always_inline)) void triangular_product(
     add_product({ lower, count, count, count, 1, 1, true }, right, columns, to);
 }
 
-// Inverse of a symmetric positive definite matrix, n x n row by row. Of a matrix that is
-// singular within the accuracy of a fit, the pseudo-inverse. `singular`: largest energy
-// of a column over what the others leave of one, from which on it is.
-std::vector<double>
-inverse_of(const std::vector<double>& matrix, std::size_t n, double singular = 1e12);
-
 // Real part of conj(first) x second.
 inline double real_product(complex first, complex second)
 {

@@ -117,25 +117,28 @@ py::dict separate(end_separation& of,
         center_s, { count }, "end_separation: weights and center_s must have shape (G,)");
     if (complete.size() != weights.size())
         throw std::invalid_argument("end_separation: complete must have shape (G,)");
+    std::vector<end_separation::group> groups;
+    py::array kept; // what the groups point to
+    const auto add = [&](const auto& values) {
+        require_shape(values,
+                      { count, rows, subcarriers },
+                      "end_separation: tones must have shape (G, M, K)");
+        for (py::ssize_t group = 0; group < count; group++) {
+            if (py::ssize_t(weights[group]->tones()) != rows)
+                throw std::invalid_argument("end_separation: weights must have M tones");
+            groups.push_back({ weights[group],
+                               center_s.at(group),
+                               complete[group],
+                               values.data(group, 0, 0) });
+        }
+        kept = values;
+    };
     // Single precision is read as it is, since batches of many tones exceed the caches.
     using single_array = array<std::complex<float>>;
-    const bool single = py::isinstance<single_array>(tones);
-    const single_array of_single = single ? tones : py::array(single_array(0));
-    const complex_array of_double = single ? py::array(complex_array(0)) : tones;
-    const shape wanted{ count, rows, subcarriers };
-    const char* const rule = "end_separation: tones must have shape (G, M, K)";
-    single ? require_shape(of_single, wanted, rule)
-           : require_shape(of_double, wanted, rule);
-    std::vector<end_separation::group> groups;
-    for (py::ssize_t group = 0; group < count; group++) {
-        if (py::ssize_t(weights[group]->tones()) != rows)
-            throw std::invalid_argument("end_separation: weights must have M tones");
-        groups.push_back({ weights[group],
-                           center_s.at(group),
-                           complete[group],
-                           single ? of_single.data(group, 0, 0) : nullptr,
-                           single ? nullptr : of_double.data(group, 0, 0) });
-    }
+    if (py::isinstance<single_array>(tones))
+        add(single_array(tones));
+    else
+        add(complex_array(tones));
     for (const auto& tag : tags) {
         if (tag.index >= of.tags())
             throw std::invalid_argument("end_separation: index must be that of a tag");
