@@ -13,14 +13,10 @@ from gnuradio.wiforce.press.sensor_state import SensorState
 from gnuradio.wiforce.sensor.file import load_sensor
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.wiforce_kernels import conjugate_difference
+from plain import normal
 
 WAVEFORM = sounding_waveform()
 PERIOD_S = 0.036
-
-
-def normal(rng, *shape):
-    """Complex noise of variance 1."""
-    return rng.standard_normal((*shape, 2)) @ [1, 1j] / np.sqrt(2)
 
 
 def received_with(image, channel):

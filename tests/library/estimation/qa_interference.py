@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from chain_runs import readings_of_reader
+from chain_runs import assert_equal_readings, readings_of_reader
 from gnuradio import wiforce
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
@@ -193,19 +193,6 @@ def test_read_with_hopper_loses_subcarriers_and_no_groups(press, hopped):
     assert np.median(stated) < 1.5 * np.median(quiet)
 
 
-def assert_same(found, wanted):
-    # A stream without reported gaps ends with its last whole group, as a recording does.
-    assert len(found) == len(wanted) > 100
-    for got, want in zip(found, wanted, strict=True):
-        assert (got.flags, got.touch) == (want.flags, want.touch)
-        assert got.interference == pytest.approx(want.interference, abs=1e-6)
-        for name in ("phase1_deg", "phase2_deg", "force_n", "location_mm"):
-            value = getattr(want, name)
-            assert getattr(got, name) == (
-                value if value is None else pytest.approx(value, abs=1e-4)
-            )
-
-
 @pytest.mark.parametrize(
     ("input_type", "interference"),
     [("fc32", "bursty"), ("sc16", "bursty"), ("folded", "bursty"), ("fc32", "hopped")],
@@ -224,4 +211,6 @@ def test_stream_with_interference_is_read_as_the_recording(
     else:
         samples = (codes / np.float32(32768)).astype(np.float32).view(np.complex64)[:, 0]
         source = array_source(samples)
-    assert_same(readings_of_reader(scene, source, input_type=input_type), read(scene, hit))
+    found = readings_of_reader(scene, source, input_type=input_type)
+    # A stream without reported gaps ends with its last whole group, as a recording does.
+    assert_equal_readings(found, read(scene, hit))

@@ -134,10 +134,7 @@ def test_stream_of_a_busy_room_is_read_as_its_recording(captures, input_type):
     run_flowgraph(source, reader)
     assert reader.failure is None
     assert len(readings) == len(wanted) == int(2.0 / GROUP_S)
-    for got, want in zip(readings, wanted, strict=True):
-        assert (got.touch, got.flags) == (want.touch, want.flags)
-        assert got.phase1_deg == pytest.approx(want.phase1_deg, abs=1e-3)
-        assert got.force_n == pytest.approx(want.force_n, abs=1e-3)
+    assert_equal_readings(readings, wanted)
     assert_right(readings)
     assert reader.findings == findings(recorded.survey, settings, recorded.plan)
     assert {finding.kind for finding in reader.findings} == {"lamps", "tag"}

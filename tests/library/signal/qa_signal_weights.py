@@ -121,17 +121,13 @@ def test_for_present_too_few_snapshots_returns_none(present):
         (([1000.0], 625, T, 0.0, 3), "harmonics: must be at least 4, got 3"),
         (([1000.0], 15, T), "group_length: must exceed the 15 lines"),
         (([1000.0], 48, T, 200.0), "group_length: is too short to separate"),
+        # 8 x 390 Hz is the rate of 3125 Hz within the resolution: line 5 falls on line -3 ...
+        (([390.0], 125, 320e-6), "clocks_hz[0]: must leave the tag a line"),
     ],
 )
 def test_design_weights_unreadable_setting_names_parameter(arguments, message):
     with pytest.raises(InputError, match=re.escape(message)):
         design_weights(*arguments)
-
-
-def test_design_weights_every_line_aliased_raises():
-    # 8 x 390 Hz is the snapshot rate of 3125 Hz within the resolution: line 5 falls on line -3 ...
-    with pytest.raises(InputError, match="must leave the tag a line"):
-        design_weights([390.0], 125, 320e-6)
 
 
 @pytest.mark.parametrize("error", [np.linalg.LinAlgError, SystemError])
