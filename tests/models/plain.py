@@ -95,3 +95,20 @@ def stated_deg(results, reference_groups=12):
 def make_air(group_length, tags, seed, gamma_db, noise_profile=None, **levels):
     """The air of a test."""
     return Air(WAVEFORM, group_length, tags, PathLevels(gamma_db, **levels), seed, noise_profile)
+
+
+def averaged_groups(ratios, **more):
+    """Groups of ratios (G, 2S), in which nothing happens to the tags but what is given."""
+    count, none = len(ratios), np.zeros(np.shape(ratios), bool)
+    usual = {
+        "phase_std_deg": np.full(none.shape, 0.1),
+        "snr_db": np.full(none.shape, 10.0),
+        "locked": ~none[:, ::2],
+        "overlapping": none[:, ::2],
+        "new_reference": none[:, 0],
+        "in_reference": none,
+        "late_reference": none,
+        "reshaped": none,
+        "reference_step": np.ones(none.shape, complex),
+    }
+    return Groups(more.pop("index", np.arange(count)), ratios=ratios, **(usual | more))

@@ -4,10 +4,10 @@
 import csv
 
 import numpy as np
-from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.readings import SurfaceReading
 from gnuradio.wiforce.receiver import make_readout
 from gnuradio.wiforce.sensor import load_sensor
+from plain import averaged_groups
 from skin_law import ALONG_MM, STRIPS_MM, strip_loads
 
 CARRIER_HZ = 900e6
@@ -67,20 +67,10 @@ def readings_of(plan, presses, rng, lost=None):
         locked[:, lost] = False
         ratios[:, 2 * lost : 2 * lost + 2] = np.nan
         std[:, 2 * lost : 2 * lost + 2] = np.inf
-    none = np.zeros((count, 8), bool)
-    groups = Groups(
-        np.arange(count),
-        ratios=ratios,
-        phase_std_deg=std,
-        snr_db=np.full((count, 8), 10.0),
-        locked=locked,
-        overlapping=none[:, :4],
-        new_reference=np.arange(count) == 0,
-        in_reference=none | (np.arange(count) < _BEFORE - 1)[:, None],
-        late_reference=none,
-        reshaped=none,
-        reference_step=np.ones((count, 8), complex),
-    )
+    group = np.arange(count)
+    in_reference = np.repeat((group < _BEFORE - 1)[:, None], 8, axis=1)
+    first = {"new_reference": group == 0, "in_reference": in_reference}
+    groups = averaged_groups(ratios, phase_std_deg=std, locked=locked, **first)
     readout = make_readout(plan)
     readings = readout.process(groups) + readout.flush()
     return [r for r in readings if r.group >= _BEFORE and (r.group - _BEFORE) % _EACH == 1]

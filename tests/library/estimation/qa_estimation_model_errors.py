@@ -13,7 +13,7 @@ from gnuradio.wiforce.press.sensor_state import SensorState
 from gnuradio.wiforce.sensor.file import load_sensor
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.wiforce_kernels import conjugate_difference
-from plain import normal
+from plain import averaged_groups, normal
 
 WAVEFORM = sounding_waveform()
 PERIOD_S = 0.036
@@ -126,19 +126,12 @@ def test_compressed_tag_is_read_with_its_phase(share, offset, before):
 )
 def test_noise_on_the_lines_alone_is_flagged(surveyed_snr_db, in_lamps, std_deg, flagged):
     """A stronger tag on nearly the same clock takes the place of ours: no touch, and no flag."""
-    none = np.zeros((1, 2), bool)
-    groups = Groups(
-        [20],
-        ratios=np.ones((1, 2), complex),
+    groups = averaged_groups(
+        np.ones((1, 2), complex),
+        index=[20],
         phase_std_deg=np.full((1, 2), std_deg),
         snr_db=np.full((1, 2), -10.0),
-        locked=np.ones((1, 1), bool),
-        overlapping=np.zeros((1, 1), bool),
-        new_reference=np.zeros(1, bool),
-        in_reference=~none,
-        late_reference=none,
-        reshaped=none,
-        reference_step=np.ones((1, 2), complex),
+        in_reference=np.ones((1, 2), bool),
     )
     model = load_sensor("line-900mhz")
     readout = SensorReadout(

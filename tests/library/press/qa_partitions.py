@@ -6,9 +6,9 @@ from itertools import repeat
 import numpy as np
 import pytest
 from gnuradio import wiforce
-from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.receiver import make_readout
+from plain import averaged_groups
 
 GROUPS, FLUSHED, REPEATED = 90, (35, 60), 50
 PLAN = wiforce.plan(
@@ -48,20 +48,14 @@ def random_groups(seed):
     ratios /= np.cumprod(np.nan_to_num(step, nan=1.0), axis=0)
     received = np.flatnonzero(rng.random(GROUPS) > 0.05)
     static = 300 * receiver * np.exp(-0.03j * np.arange(62)) + rng.standard_normal((GROUPS, 62))
-    return Groups(
-        np.arange(GROUPS),
-        missing=np.zeros(GROUPS, int),
-        snr_db=np.full((GROUPS, 4), 10.0),
+    return averaged_groups(
+        ratios,
         locked=readable,
-        overlapping=np.zeros((GROUPS, 2), bool),
         retuned=np.arange(GROUPS) == rng.integers(2 * GROUPS),
         static=static,
-        ratios=ratios,
         phase_std_deg=np.full((GROUPS, 4), 0.2),
         reference_power=np.ones((GROUPS, 4)),
         in_reference=np.repeat((np.arange(GROUPS) < 10)[:, None], 4, axis=1),
-        late_reference=np.zeros((GROUPS, 4), bool),
-        reshaped=np.zeros((GROUPS, 4), bool),
         new_reference=renewed,
         reference_step=step,
     )[received]

@@ -3,8 +3,8 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.press.uncalibrated_readings import uncalibrated_readings
+from plain import averaged_groups
 
 UNTOUCHED = (-172.9, 170.0)
 
@@ -13,18 +13,8 @@ def readings(changes_deg, **arrays):
     """Readings of the second of two sensors whose phases change like this."""
     changes = np.asarray(changes_deg, float)
     count = len(changes)
-    none = np.zeros((count, 4), bool)
     ratios = np.exp(1j * np.radians(np.hstack([np.zeros((count, 2)), changes])))
-    known = {
-        "ratios": ratios,
-        "phase_std_deg": np.full((count, 4), 0.1),
-        "locked": np.ones((count, 2), bool),
-        "overlapping": np.zeros((count, 2), bool),
-        "in_reference": none,
-        "late_reference": none,
-        "reshaped": none,
-    }
-    groups = Groups(10 + np.arange(count), **{**known, **arrays})
+    groups = averaged_groups(ratios, index=10 + np.arange(count), **arrays)
     return uncalibrated_readings(groups, 1, "arm", UNTOUCHED, 0j, 0.036)
 
 
