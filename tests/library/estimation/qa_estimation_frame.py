@@ -19,7 +19,6 @@ from gnuradio.wiforce.estimation.capture.frame import (
     keeps_alignment,
     repeats_every_frame,
     samples_needed,
-    symbols_in,
 )
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from press_capture import array_source
@@ -89,15 +88,6 @@ def test_a_delay_inside_the_dropped_repetition_needs_no_new_alignment():
     waveform = sounding_waveform()
     for late, kept in ((0, True), (20, True), (56, True), (57, False), (700, False)):
         assert keeps_alignment((late - MARGIN) % 720, waveform) is kept
-
-
-@pytest.mark.parametrize("expected, found", [(3, 3), (4, 4), (6, 5), (9, 5)])
-def test_symbols_of_preambles_are_counted_up_to_those_expected(expected, found):
-    frames = stream(sounding_waveform("repeated", 720), 100, snr_db=0)
-    assert symbols_in(frames, sounding_waveform("repeated", 720, repetitions=expected)) == found
-    noise = np.random.default_rng(3).normal(size=(720 * 200, 2)).view(complex)[:, 0]
-    waveform = sounding_waveform("repeated", 720, repetitions=expected)
-    assert symbols_in(noise, waveform) == expected
 
 
 def received(name, length, count, snr_db, offset_hz=0.0):

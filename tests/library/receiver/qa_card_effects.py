@@ -15,14 +15,8 @@ from card_rooms import (
 from gnuradio import wiforce
 from gnuradio.wiforce.estimation.packets.antenna_states import (
     LEAST_STEP,
-    AntennaStates,
     find_states,
     find_states_beside_tags,
-)
-from gnuradio.wiforce.estimation.packets.packet_survey import (
-    find_tag,
-    phase_std_deg,
-    snapshot_snr_db,
 )
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.planning.plan import plan
@@ -212,20 +206,3 @@ def test_simulated_antennas_wander_by_the_stated_deviations(tmp_path):
     assert np.std(20 * np.log10(np.abs(ratio))) == pytest.approx(1.0, rel=0.15)
     turns = np.angle(ratio / ratio.mean(), deg=True)
     assert np.std(turns) == pytest.approx(10.0, rel=0.15)
-
-
-def test_packet_survey_finds_snr_phases_and_the_clock_of_a_tag():
-    rng = np.random.default_rng(1)
-    one, states = np.ones((400, 8, 2), complex), AntennaStates(np.zeros(400, int), 0)
-    noise = 0.1 * rng.standard_normal((500, 52, 1, 2)) @ np.array([1, 1j]) / np.sqrt(2)
-    assert snapshot_snr_db(1 + noise, np.arange(52.0))[0] == pytest.approx(20, abs=1)
-    one[:, :, 1] *= np.exp(1j * np.radians(10) * np.sin(np.arange(400)))[:, None]
-    # A sine of 10 degrees has an rms of 10 / sqrt(2).
-    assert phase_std_deg(one, states) == pytest.approx(7.07, abs=0.05)
-    time_s = np.sort(rng.uniform(0, 2, 2000))
-    tag = 0.1 * (np.abs((120 * time_s + 0.5) % 1 - 0.5) < 1 / 8)
-    channel = np.ones((2000, 8, 2), complex)
-    channel[:, :, 1] += tag[:, None] + 0.1 * rng.standard_normal((2000, 8))
-    found = find_tag(channel, time_s, AntennaStates(np.zeros(2000, int), 0))
-    # Within a bin, the inverse of two seconds.
-    assert found is not None and found.clock_hz == pytest.approx(120, abs=0.5)
