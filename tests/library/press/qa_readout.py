@@ -11,6 +11,7 @@ from gnuradio.wiforce.press.sensor_readout import SensorReadout
 from gnuradio.wiforce.press.sensor_state import SensorState
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.signal.carrier import wrap_deg
+from plain import averaged_groups
 
 PERIOD_S = 0.036
 CARRIER_HZ = 900e6
@@ -27,25 +28,16 @@ def ratios_of(force_n, location_mm, off=0.0):
 def group_of(index, ratios, std_deg=0.05, missing=0, reference=False, sensors=1, **more):
     """One group behind the average: ``ratios`` and ``std_deg`` (2S,) or numbers."""
     ends = (1, 2 * sensors)
-    ratios = np.broadcast_to(np.asarray(ratios, complex), ends)
-    std_deg = np.broadcast_to(np.asarray(std_deg, float), ends)
-    found = {
-        "locked": np.ones((1, sensors), bool),
-        "overlapping": np.zeros((1, sensors), bool),
-        "new_reference": np.zeros(1, bool),
-        "late_reference": np.zeros(ends, bool),
-        "reshaped": np.zeros(ends, bool),
-        "reference_step": np.ones(ends, complex),
-    }
-    return Groups(
-        [index],
+    group = averaged_groups(
+        np.broadcast_to(np.asarray(ratios, complex), ends),
+        index=[index],
         missing=np.array([missing]),
         snr_db=np.arange(7.0, 7.0 + ends[1])[None],
         in_reference=np.full(ends, reference),
-        ratios=ratios,
-        phase_std_deg=std_deg,
-        **found | {name: np.reshape(value, found[name].shape) for name, value in more.items()},
+        phase_std_deg=np.broadcast_to(np.asarray(std_deg, float), ends),
     )
+    shapes = {name: np.shape(getattr(group, name)) for name in more}
+    return group.having(**{name: np.reshape(more[name], shapes[name]) for name in more})
 
 
 def make_readout(sensors=1, off=0.0, ratios="change", tracked=False):
