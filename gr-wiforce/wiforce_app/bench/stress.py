@@ -11,14 +11,12 @@ import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
-from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 from ..shell.log import progress
 from ..shell.options import IntegerRange
 from ..shell.tables import Column, echo, table
 from .accuracy import Case, SnapshotChain, air_of, errors_of, plan_of
-from .inversion import random_presses
 
 WAVEFORM = sounding_waveform()
 # Ways to tones: in double precision from snapshots, or by blocks that read a type in an order.
@@ -38,9 +36,7 @@ _NOTHING_DEG = 0.02
 WEEK_GROUPS = int(7 * 86400 / 0.036)
 # Largest of some hundred Gaussian errors, with a margin of a third.
 _UNDETECTED_STD = 6.0
-# Per cent of unflagged readings that may lie beyond three standard deviations (Gaussian: 0.27).
-# Errors below _LEAST_N newtons are ignored.
-_BEYOND_3_STD, _LEAST_N = 1.0, 0.02
+_SEARCH = "random permitted settings"
 
 _ROUNDED = "rounding of the samples to single precision"
 _ROUNDING = {
@@ -51,9 +47,8 @@ _TINY = "single precision loses digits below 1e-38"
 _SCALES = {"near 1e-36": 1e-36, "denormal, 1e-40": 1e-40, "near 1e15": 1e15}
 
 # The worst error of one kind of stress on one path: the largest phase error in degrees or in stated
-# standard deviations, of what is not flagged weak; or per cent of unflagged readings beyond three
-# standard deviations. Undetected is the largest error that neither the stated standard deviation
-# nor a flag indicates; not finite are values that are reported as valid.
+# standard deviations, of what is not flagged weak. Undetected is the largest error that neither the
+# stated standard deviation nor a flag indicates; not finite are values that are reported as valid.
 COLUMNS = (
     Column("stress", "stress"),
     Column("path", "path"),
@@ -147,11 +142,7 @@ def tasks_of(search):
         read("samples that are not finite", path, 0.02, cause, {"hurt": _hurt})
     cause = "double precision of time: 0.1 ns after a week"
     read("a week from the first sample", "double", 0.01, cause, {"first": WEEK_GROUPS})
-    for name, trial in _SEARCHES.items():
-        tasks.append(Task(name, "double", partial(_searched, name, trial, search)))
-    for sensor in ("paper-900mhz", "paper-2400mhz", "wiforce-900mhz", "line-2400mhz"):
-        measure = partial(_inversion, sensor)
-        tasks.append(Task(f"inversion, {sensor}", "table", measure, _BEYOND_3_STD))
+    tasks.append(Task(_SEARCH, "double", partial(_searched, search)))
     return tasks
 
 
@@ -275,14 +266,6 @@ def _samples(snapshots, item_type):
     return np.clip(np.rint(codes), -32768, 32767).astype("<i2").tobytes()
 
 
-def _near_clocks(rng):
-    """Settings of two tags whose clocks, or some of whose lines, nearly coincide."""
-    ratio = rng.choice((1.0, 1.25, 4 / 3, 1.5, 2.0, 0.5, 0.8))
-    second = float(1000.0 * ratio + rng.choice([-1, 1]) * 10 ** rng.uniform(-1, 1.7))
-    settings = {"clocks_hz": (1000.0, second), "levels_db": (0.0, 0.0), "gamma_db": 30.0}
-    return {**settings, "groups": 4}, f"clocks 1000 and {second:.2f} Hz"
-
-
 def _any_setting(rng):
     """Random settings from the whole permitted range of a scene."""
     settings = {
@@ -304,53 +287,24 @@ def _any_setting(rng):
     return settings, label.format(**settings)
 
 
-def _searched(name, trial, search):
+def _searched(search):
     """Worst of many trials: the largest unflagged error in stated standard deviations."""
     rng = np.random.default_rng(1)
     found, refused = [], 0
     for run in range(search):
-        changes, label = trial(rng)
+        changes, label = _any_setting(rng)
         try:
-            errors, std, unread = read_case(quiet_case(name, **changes), run=run)
+            errors, std, unread = read_case(quiet_case(_SEARCH, **changes), run=run)
         except InputError:
             refused += 1
             continue
         found.append({**values_of(errors, std, unread, 1 / (std + 0.005)), "cause": label})
-    found = _worst_of(found, "std")
+    worst = max(found, key=lambda values: values["worst"])
     # Groups of a run share their reference, and ends share their clock.
-    hidden = found["worst"] if found["worst"] > _UNDETECTED_STD else 0.0
-    cause = f"{found['cause']}; {refused} of {search} refused"
-    return {**found, "undetected": hidden, "cause": cause}
-
-
-def _worst_of(found, unit):
-    """The worst of some values, with the counts of all."""
-    counts = {key: sum(values[key] for values in found) for key in ("discarded", "not_finite")}
-    return {**max(found, key=lambda values: values["worst"]), **counts, "unit": unit}
-
-
-def _inversion(sensor):
-    """Presses over the whole span of a model at any noise; unflagged errors in stated std."""
-    model, rng = load_sensor(sensor), np.random.default_rng(1)
-    found = []
-    for noise_deg in (1e-6, 0.01, 0.1, 0.5, 1.0, 2.0, 4.0):
-        force, location, phases = random_presses(model, model.frequencies_hz[0], 4000, rng)
-        read = model.invert(phases + noise_deg * rng.standard_normal(phases.shape), noise_deg)
-        values = [read.force_n, read.force_std_n, read.location_mm, read.location_std_mm]
-        clear = np.array([not flags for flags in read.flags])
-        error = np.abs(read.force_n - force) / np.hypot(read.force_std_n, _LEAST_N)
-        at = int(np.argmax(np.where(clear, error, 0.0)))
-        found.append(
-            {
-                "worst": 100 * float(np.mean(error[clear] > 3)) if clear.any() else 0.0,
-                "discarded": int(np.count_nonzero(~clear)),
-                "not_finite": int(np.count_nonzero(~np.isfinite(values))),
-                "cause": f"unflagged, beyond 3 std; the worst at phase noise {noise_deg:g} deg: "
-                f"{force[at]:.1f} N at {location[at]:.1f} mm is off by {error[at]:.1f} std",
-            }
-        )
-    found = _worst_of(found, "%")
-    return {**found, "undetected": 0.0, "cause": found["cause"] if found["worst"] else ""}
-
-
-_SEARCHES = {"clocks nearly equal": _near_clocks, "random permitted settings": _any_setting}
+    return {
+        **{key: sum(values[key] for values in found) for key in ("discarded", "not_finite")},
+        "worst": worst["worst"],
+        "undetected": worst["worst"] if worst["worst"] > _UNDETECTED_STD else 0.0,
+        "unit": "std",
+        "cause": f"{worst['cause']}; {refused} of {search} refused",
+    }

@@ -53,27 +53,16 @@ def simulate(
             for antenna in range(antennas):
                 data, truth, meta = temporary[antenna * len(suffixes) :][: len(suffixes)]
                 channel = AirChannel(scene, antenna=antenna)
-                _write_capture(scene, channel, datatype, data, truth, progress)
+                with open(data, "wb") as stream:
+                    for samples in capture(scene, channel, datatype):
+                        stream.write(samples.data)
+                        if progress is not None:
+                            progress(samples.size // (2 if datatype == "ci16_le" else 1))
+                write_truth(scene, channel, truth)
                 _write_metadata(scene, datatype, data, meta, paths[0])
     except OSError as error:
         raise unwritable(stem, error) from error
     return paths
-
-
-def _write_capture(
-    scene: Scene,
-    channel: AirChannel,
-    datatype: str,
-    data: Path,
-    truth: Path,
-    progress: Callable[[int], object] | None,
-) -> None:
-    with open(data, "wb") as stream:
-        for samples in capture(scene, channel, datatype):
-            stream.write(samples.data)
-            if progress is not None:
-                progress(samples.size // (2 if datatype == "ci16_le" else 1))
-    write_truth(scene, channel, truth)
 
 
 def capture(scene: Scene, channel: AirChannel, datatype: str) -> Iterator[np.ndarray]:

@@ -7,9 +7,8 @@ import re
 import pytest
 from command_runs import run_command
 from gnuradio import gr
-from gnuradio.wiforce.scene import load_scene
 from wiforce_app.bench import tradeoff
-from wiforce_app.bench.tradeoff import beat_the_plan, settings_of
+from wiforce_app.bench.tradeoff import beat_the_plan
 
 # A fifth of the usual sample rate.
 SHORT = """\
@@ -40,25 +39,6 @@ def test_a_longer_group_is_no_better_by_its_lower_rate_alone():
     assert beat_the_plan(points) == ["best"]
 
 
-def test_every_kind_of_setting_is_measured():
-    names = [setting.name for setting in settings_of(load_scene("demo"))]
-    assert names[0] == "plan" and len(set(names)) == len(names)
-    for wanted in (
-        "N_g 250",
-        "sideband",
-        "paper",
-        "every second subcarrier",
-        "file-fc32",
-        "stream-sc16",
-        "block by block",
-        "channel first",
-        "stock blocks",
-        "clutter band 250 Hz",
-    ):
-        assert wanted in names
-    assert any(name.startswith("lines to +-") for name in names)
-
-
 @pytest.fixture
 def few_settings(monkeypatch):
     """One setting of each kind."""
@@ -85,4 +65,6 @@ def test_all_settings_read_the_same_signal(few_settings, tmp_path):
     for same in ("file-fc32", "stream-sc16", "stream-fc32", "block by block"):
         assert by_name[same]["phase_deg"] == pytest.approx(plan["phase_deg"], abs=1e-3)
     assert by_name["paper"]["phase_deg"] > 3 * plan["phase_deg"]
+    changed = {"N_g 250", "clutter band 250 Hz", "sideband", "channel first"}
+    assert changed | {"every second subcarrier"} <= by_name.keys()
     assert "| short | plan |" in re.sub(" +", " ", tradeoff.points_table([result]))

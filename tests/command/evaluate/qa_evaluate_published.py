@@ -6,19 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gnuradio.wiforce._config import DATA_DIR
-from gnuradio.wiforce.calibration.tables import read_vna_csv
 from wiforce_app.evaluate import published
-
-FOLDER = Path(DATA_DIR) / "data" / "paper"
-# The form that cross-validation on the VNA curves chooses; a test below holds that it does.
-FORM = "power"
 
 
 @pytest.fixture(scope="module")
 def scores():
-    presses = published.published_presses()
-    return published.score_presses(presses)
+    return published.score_presses(published.published_presses())
 
 
 def pooled(scores, frequency, method, refined=False, without_mm=None):
@@ -63,11 +56,6 @@ def test_results_page_states_the_errors_of_the_published_trials(scores):
         f"2.4 GHz to {medians('smoother', refined=True)[1]:.2f} N for whole presses",
     ):
         assert stated in page
-
-
-@pytest.mark.parametrize("frequency", published.FREQUENCIES_HZ)
-def test_the_form_is_chosen_without_the_trials(frequency):
-    assert published.bench_model(read_vna_csv(FOLDER / "vna.csv", frequency)).form == FORM
 
 
 def test_fourteen_presses_are_different_and_trial_3_is_scored_alone():

@@ -2,6 +2,7 @@
 """`gr-wiforce evaluate SCENE...`: a scene scored, kept, reported, and not done twice."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -152,29 +153,25 @@ def test_a_sensor_calibrated_anew_makes_another_experiment(tmp_path):
     assert found[0] != found[1]
 
 
-def test_scenes_whose_results_would_overwrite_each_other_are_refused(tmp_path):
-    for folder in ("a", "b"):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "short.yaml").write_text(yaml.safe_dump(SCENE))
-    done = evaluate(tmp_path, "a/short.yaml", "b/short.yaml", "--folder", "out")
-    assert done.returncode == 2 and "must have different file names" in done.stderr
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_bad_scene_is_refused_before_anything_is_done(tmp_path):
-    (tmp_path / "good.yaml").write_text(yaml.safe_dump(SCENE))
-    (tmp_path / "bad.yaml").write_text(yaml.safe_dump({**SCENE, "reference_s": -1}))
-    done = evaluate(tmp_path, "good.yaml", "bad.yaml")
-    assert done.returncode == 2 and "reference_s" in done.stderr
-    assert len(done.stderr.splitlines()) == 1 and not (tmp_path / "evaluation").exists()
-
-
-def test_evaluate_warns_of_a_perfect_model_and_keeps_a_scene_in_its_folder(tmp_path):
-    """Errors without calibration promise too much; a result must not replace its own scene."""
-    (tmp_path / "out").mkdir()
-    content = json.dumps({**SCENE, "sensors": [{"name": "arm", "model": "line-900mhz"}]})
-    (tmp_path / "out" / "same.json").write_text(content)
-    done = evaluate(tmp_path, "out/same.json", "--folder", "out")
-    assert done.returncode == 2 and "out/same.json: cannot be written (is an input)" in done.stderr
-    assert "the model that is pressed and the one that reads it are the same" in done.stderr
-    assert (tmp_path / "out" / "same.json").read_text() == content
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [
+        (dict.fromkeys(("a/short.yaml", "b/short.yaml"), SCENE), "must have different file names"),
+        ({"good.yaml": SCENE, "bad.yaml": {**SCENE, "reference_s": -1}}, "reference_s"),
+        (
+            {"out/same.json": SCENE | {"sensors": [{"name": "arm", "model": "line-900mhz"}]}},
+            # Errors without calibration promise too much.
+            r"the one that reads it are the same(?s:.*)same.json: cannot be written \(is an input",
+        ),
+    ],
+)
+def test_what_cannot_be_evaluated_is_refused_before_anything_is_done(files, message, tmp_path):
+    """A result must replace neither another one nor its own scene."""
+    for name, content in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(json.dumps(content))
+    done = evaluate(tmp_path, *files, "--folder", "out")
+    assert done.returncode == 2 and re.search(message, done.stderr)
+    assert {path.name for path in tmp_path.rglob("*.*")} == {Path(name).name for name in files}
+    for name, content in files.items():
+        assert json.loads((tmp_path / name).read_text()) == content
