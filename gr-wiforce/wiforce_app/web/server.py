@@ -29,8 +29,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.zmq_sockets import is_loopback, request
 
 from .address import PageAddress
-from .page_state import PageState, loaded
-from .sources import FileSource, ZmqSource
+from .sources import FileSource, PageState, ZmqSource, loaded
 
 _ASSETS = Path(__file__).with_name("assets")
 # Readings of short groups are collected for so long.

@@ -14,7 +14,7 @@ from long_cases import cases
 from web_pages import RawViewer, touched
 from wiforce_app.web import live_page
 from wiforce_app.web.address import PageAddress
-from wiforce_app.web.page_state import page_row
+from wiforce_app.web.sources import page_row
 
 
 def page_process(reader):

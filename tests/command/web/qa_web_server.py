@@ -13,8 +13,7 @@ from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.readings import COLUMNS, SURFACE_COLUMNS
 from web_pages import RUN, RawViewer, publishing, serving, touched, untouched
 from wiforce_app.web.address import PageAddress
-from wiforce_app.web.page_state import ROW, PageState, loaded, page_row
-from wiforce_app.web.sources import FileSource, ZmqSource
+from wiforce_app.web.sources import ROW, FileSource, PageState, ZmqSource, loaded, page_row
 
 TOKEN = "a-token-of-a-test"
 

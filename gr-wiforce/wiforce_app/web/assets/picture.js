@@ -12,7 +12,7 @@ const STALE_S = 1;
 const WARNING = "#a35500";
 const SVG = "http://www.w3.org/2000/svg";
 
-// As wiforce_app/web/page_state.py arranges the columns.
+// As wiforce_app/web/sources.py arranges the columns.
 function asReading(row) {
   const [
     sensor, time, touch, force, forceStd, location, locationStd, snr, interference, flags,
