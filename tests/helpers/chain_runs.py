@@ -42,10 +42,11 @@ class Collector(gr.basic_block):
             assert self._more.wait_for(lambda: enough(self.readings), timeout=300)
 
 
-def readings_of_chain(plan, *before, runs=1):
+def readings_of_chain(plan, *before, runs=1, tracked=False):
     """Readings by one block per step, as in the examples, behind blocks that give snapshots."""
     readings, flowgraph = [], gr.top_block()
     chain = Chain(plan, readings.append)
+    chain.to_force[-1] = wiforce.force_inversion(plan, tracked, on_reading=readings.append)
     chain.connect(flowgraph, *before)
     for _ in range(runs):
         flowgraph.run()

@@ -121,18 +121,6 @@ def test_a_recording_never_joins_what_may_lie_any_time_apart(tmp_path, start_s):
     assert open_capture(tmp_path / "run").segments == (Segment(0, 0, len(samples)),)
 
 
-def test_times_that_come_twice_or_late_mark_no_gap(tmp_path):
-    samples, true = stream(0, 30), [(n, 1.0 + n / RATE) for n in (0, 5000, 15_000)]
-    slips = [(8000, 1.0 + 5000 / RATE), (9000, 7200.0), (10_000, 0.5), (11_000, 1e305)]
-    lost = (18_000, 1.0 + 18_070 / RATE)
-    tags = [rx_time(*tag) for tag in (*true, *slips, lost)]
-    record(tmp_path / "run", samples, tags)
-    places = [(s.file_sample, s.global_index) for s in open_capture(tmp_path / "run").segments]
-    assert places == [(0, 0), (18_000, 18_070)]
-    _, times, block = align(samples, tags)
-    assert block.start_time[1] == pytest.approx((720 - MARGIN) / RATE, abs=1e-12)
-
-
 def test_nothing_is_overwritten(tmp_path):
     (tmp_path / "run.sigmf-meta").write_text("precious")
     with pytest.raises(InputError, match="exists already"):
