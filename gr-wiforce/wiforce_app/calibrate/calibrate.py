@@ -25,14 +25,6 @@ from ..shell.options import (
 from ..shell.plots import check_picture, save_picture
 from .guide import check_guided, guide, table_of
 
-# What parameters of the library are called here.
-_OPTION_OF = {
-    "length_mm": "--length-mm",
-    "permittivity": "--permittivity",
-    "onset_force_n": "--onset-force-n",
-    "ruler_std_mm": "--ruler-std-mm",
-    "name": "--name",
-}
 # Parameters of the library that options set.
 _SETTINGS = "length_mm permittivity form onset_force_n location_steps mirror ruler_std_mm".split()
 _POINTS = 80  # of a curve in a picture
@@ -247,7 +239,9 @@ def calibrate(
     except InputError as error:
         # With the mistake in the table that may be its cause.
         rule = "; ".join([error.rule, *sensor.suspicions(data, **line)])
-        where = _OPTION_OF.get(error.where, error.where)
+        where = error.where
+        if where in (*_SETTINGS, "name"):
+            where = f"--{where.replace('_', '-')}"
         not_written = where.startswith("sensor")
         raise InputError(f"{table}: {where}" if not_written else where, rule) from None
     suspected = model.provenance.get("suspicions", [])

@@ -44,7 +44,7 @@ DEFAULT_STD_DEG = 1.0
 # deviations of a normal variable.
 _CONSISTENT = 0.9973
 # The words of each sum of flags.
-_WORDS = [
+FLAG_WORDS = [
     tuple(word for word, flag in INVERSION_FLAGS.items() if code & flag)
     for code in range(2 * max(INVERSION_FLAGS.values()))
 ]
@@ -103,7 +103,7 @@ class Inversion:
         same phases), ``force-unobservable`` (force and location cannot be distinguished),
         ``inconsistent`` (no single press shows such phases).
         """
-        return [_WORDS[code] for code in self.codes.tolist()]
+        return [FLAG_WORDS[code] for code in self.codes.tolist()]
 
 
 class Inverter:
@@ -186,7 +186,7 @@ class Inverter:
         if phases.ndim != 2 or phases.shape[1] != self.size:
             rule = f"must have {self.size} columns"
             raise InputError("phases_deg", rule, np.shape(phases_deg))
-        std = _standard_deviations(std_deg, phases.shape)
+        std = standard_deviations(std_deg, phases.shape)
         if location_mm is None:
             values, codes = self.posterior.invert(phases, std, None)
             values[:, -1] += self.ruler_mm2
@@ -216,7 +216,8 @@ class Inverter:
         return code
 
 
-def _standard_deviations(std_deg: ArrayLike | None, shape: tuple[int, ...]) -> Array:
+def standard_deviations(std_deg: ArrayLike | None, shape: tuple[int, ...]) -> Array:
+    """Standard deviations of phases, checked and broadcast to their shape; 1 deg by default."""
     given = np.asarray(DEFAULT_STD_DEG if std_deg is None else std_deg, float)
     if not np.all((given >= 0) & (given < np.inf)):
         raise InputError("std_deg", "must be finite and not negative", given.tolist())
@@ -226,8 +227,3 @@ def _standard_deviations(std_deg: ArrayLike | None, shape: tuple[int, ...]) -> A
 def inversion_of(values: Array, codes: Array) -> Inversion:
     """Inversion of rows (n, 6): force, location, and the rows of their covariance."""
     return Inversion(values[:, 0], values[:, 1], values[:, 2:].reshape(-1, 2, 2), codes)
-
-
-def words_of(code: int) -> tuple[str, ...]:
-    """The flags of a sum, in words."""
-    return _WORDS[code]

@@ -11,7 +11,14 @@ from numpy.typing import ArrayLike
 from ..errors import InputError
 from ..signal.carrier import wrap_deg
 from ..wiforce_kernels import INVERSION_FLAGS
-from .inversion import Inversion, Inverter, inversion_of, misfit_limit, words_of
+from .inversion import (
+    FLAG_WORDS,
+    Inversion,
+    Inverter,
+    inversion_of,
+    misfit_limit,
+    standard_deviations,
+)
 from .splines import Array
 
 if TYPE_CHECKING:
@@ -197,10 +204,7 @@ class PressTracker:
         if phases.shape != (self._inverter.size,):
             rule = f"must have shape ({self._inverter.size},)"
             raise InputError("phases_deg", rule, phases.shape)
-        std = np.broadcast_to(np.asarray(std_deg, float), phases.shape)
-        if not (np.all(std >= 0) and np.all(np.isfinite(std))):
-            raise InputError("std_deg", "must be finite and not negative", std.tolist())
-        return phases, std
+        return phases, standard_deviations(std_deg, phases.shape)
 
     def _report(self, bank: FilterBank, std: Array, lost: bool) -> Reported:
         weight = bank.weights()
@@ -215,7 +219,7 @@ class PressTracker:
             code |= INVERSION_FLAGS["inconsistent"]
         if _two_places(bank.location_mm, weight):
             code |= INVERSION_FLAGS["ambiguous"]
-        return (*values, words_of(code))
+        return (*values, FLAG_WORDS[code])
 
     def smooth(self, phases_deg: ArrayLike, std_deg: ArrayLike) -> Inversion:
         """Force over a press and its location, by all readings (n, 2) or (n, 2 C) of it together.
@@ -244,24 +248,25 @@ class PressTracker:
         weight, location = bank.weights(), bank.location_mm
         place, spread = bank.place()
         _, mean, variance = history[-1]
-        rows, codes = [], []
-        for i in range(len(history) - 1, -1, -1):
-            if i < len(history) - 1:
-                before, (_, own_mean, own_variance) = history[i + 1][0], history[i]
-                gain = own_variance / before
-                mean = own_mean + gain * (mean - own_mean)
-                variance = own_variance + gain**2 * (variance - before)
-            force = float(weight @ mean)
-            away = mean - force
-            covariance = self._inverter.covariance(force, place)
-            covariance[0, 0] += weight @ (variance + away**2)
-            covariance[1, 1] += spread
-            shared = weight @ (away * (location - place))
-            covariance += [[0.0, shared], [shared, 0.0]]
-            rows.append([force, place, *covariance.ravel()])
-            stds = np.sqrt(covariance.diagonal()).tolist()
-            codes.append(self._inverter.code_of(force, stds[0], place, stds[1], std[i]))
-        return inversion_of(np.array(rows[::-1]), np.array(codes[::-1], np.uint8))
+        smoothed = [(mean, variance)]
+        for (_, own_mean, own), (before, *_) in zip(history[-2::-1], history[:0:-1], strict=True):
+            gain = own / before
+            mean = own_mean + gain * (mean - own_mean)
+            variance = own + gain**2 * (variance - before)
+            smoothed.append((mean, variance))
+        means, variances = np.swapaxes(smoothed[::-1], 0, 1)
+        force = means @ weight
+        away = means - force[:, None]
+        covariance = self._inverter.covariance(force, place)
+        covariance[:, 0, 0] += (variances + away**2) @ weight
+        covariance[:, 1, 1] += spread
+        covariance[:, [0, 1], [1, 0]] += (away @ (weight * (location - place)))[:, None]
+        values = np.column_stack([force, np.full(len(force), place), covariance.reshape(-1, 4)])
+        found = inversion_of(values, np.zeros(len(force), np.uint8))
+        rows = zip(force, found.force_std_n, found.location_std_mm, std, strict=True)
+        for i, (each, force_std, place_std, noise) in enumerate(rows):
+            found.codes[i] = self._inverter.code_of(each, force_std, place, place_std, noise)
+        return found
 
 
 def _two_places(location: Array, weight: Array) -> bool:

@@ -293,24 +293,22 @@ def read_taps(path: str | Path, skin: Skin, rows: Iterable[Mapping[str, Any]]) -
     starts_s, ends_s, force_n, x_mm, y_mm = np.array(presses).T
     names = [strip.sensor for strip in skin.strips]
     shape = len(presses), len(names)
-    touched: list[list[list[tuple[float, ...]]]] = [[[] for _ in names] for _ in presses]
-    untouched = np.zeros(shape, int)
+    touched, untouched = np.zeros(shape, int), np.zeros(shape, int)
+    total = np.zeros((*shape, len(ESTIMATES)))
     for row in rows:
         doubts = set(str(row["flags"] or "").split()) - {"extrapolated", "force-unobservable"}
         if row["sensor"] not in names or doubts:
             continue
         strip = names.index(row["sensor"])
-        for i in np.flatnonzero((starts_s <= row["time_s"]) & (row["time_s"] <= ends_s)):
-            if row["touch"] == 0:
-                untouched[i, strip] += 1
-            shown = [row[key] for key in ESTIMATES]
-            if row["touch"] == 1 and None not in shown:
-                touched[i][strip].append(tuple(shown))
-    mean = np.full((*shape, 4), math.nan)
-    for i, of_press in enumerate(touched):
-        for strip, own in enumerate(of_press):
-            if len(own) > untouched[i, strip]:
-                mean[i, strip] = np.mean(own, axis=0)
+        inside = (starts_s <= row["time_s"]) & (row["time_s"] <= ends_s)
+        shown = [row[key] for key in ESTIMATES]
+        if row["touch"] == 0:
+            untouched[inside, strip] += 1
+        elif row["touch"] == 1 and None not in shown:
+            touched[inside, strip] += 1
+            total[inside, strip] += shown
+    enough = (touched > untouched)[..., None]
+    mean = np.where(enough, total / np.maximum(touched, 1)[..., None], math.nan)
     x = np.empty(shape)
     for i, each in enumerate(skin.strips):
         x[:, i] = each.x_of(mean[:, i, 2])
