@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A guided calibration keeps measurements, warns of implausible ones, and gives a sensor."""
+"""A guided calibration stores presses that held still, doubts others, and gives a sensor."""
 
-import dataclasses
 import errno
 import math
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +15,14 @@ from gnuradio.wiforce.calibration.session import (
     PressMeasurement,
     SessionPlan,
     Target,
+    measure_press,
+    measure_untouched,
+    steady_deg,
 )
 from gnuradio.wiforce.calibration.tables import read_tap_csv
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.sensor import load_sensor
+from guided_presses import HandHeldSensor
 
 PLAN = SessionPlan("arm", 900e6)
 LINE = load_sensor("line-900mhz")
@@ -75,8 +79,8 @@ def test_each_measurement_is_in_the_file_at_once(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("plan", "rule"),
     [
-        (dataclasses.replace(PLAN, sensor="leg"), "row 2: sensor: must be of the sensor 'leg'"),
-        (dataclasses.replace(PLAN, frequency_hz=915e6), "row 2: freq_mhz: must be 915"),
+        (replace(PLAN, sensor="leg"), "row 2: sensor: must be of the sensor 'leg'"),
+        (replace(PLAN, frequency_hz=915e6), "row 2: freq_mhz: must be 915"),
     ],
 )
 def test_session_of_another_sensor_or_carrier_is_not_continued(tmp_path, plan, rule):
@@ -183,7 +187,7 @@ def test_honest_presses_are_neither_refused_nor_doubted(name, tmp_path):
     model, rng = load_sensor(name), np.random.default_rng(3)
     frequency = model.frequencies_hz[0]
     errors_mm = dict(zip(PLAN.location_mm, 0.2 * rng.standard_normal(5), strict=True))
-    plan = dataclasses.replace(PLAN, frequency_hz=frequency)
+    plan = replace(PLAN, frequency_hz=frequency)
     session = CalibrationSession(plan, tmp_path / "arm.taps.csv", {"ruler_std_mm": 0.3})
     session.add(untouched(model=model))
     while target := session.next_target():
@@ -192,7 +196,7 @@ def test_honest_presses_are_neither_refused_nor_doubted(name, tmp_path):
         new = press(true_n, place, model=model, frequency_hz=frequency)
         typed_n = round(true_n * 1.01 + 0.03 * rng.standard_normal(), 2)
         session.check_force(typed_n, target.force_n)
-        session.add(dataclasses.replace(new, location_mm=target.location_mm, force_n=typed_n))
+        session.add(replace(new, location_mm=target.location_mm, force_n=typed_n))
     assert session.doubts() == []
 
 
@@ -201,7 +205,7 @@ def test_press_that_slipped_further_than_a_short_moves_is_refused(tmp_path):
     session = CalibrationSession(PLAN, tmp_path / "arm.taps.csv")
     for force_n in PLAN.force_n[:4]:
         session.add(press(force_n, 40.0))
-    slipped = dataclasses.replace(press(3.0, 60.0), location_mm=40.0)
+    slipped = replace(press(3.0, 60.0), location_mm=40.0)
     with pytest.raises(InputError, match="phases: must not jump at port 1 against"):
         session.add(slipped)
     session.add(press(3.0, 40.0))
@@ -219,7 +223,7 @@ def test_wrong_mark_of_the_ruler_is_found_by_the_other_locations(tmp_path):
     while target := session.next_target():
         there = target.location_mm + (error_mm if target.location_mm == place else 0.0)
         new = press(target.force_n, there)
-        session.add(dataclasses.replace(new, location_mm=target.location_mm))
+        session.add(replace(new, location_mm=target.location_mm))
     (found,) = session.doubts()
     assert found.startswith(f"location {place:g} mm ") and "was the ruler right" in found
     assert float(found.split("at ")[1].split(" mm")[0]) == pytest.approx(place + error_mm, abs=0.5)
@@ -255,3 +259,85 @@ def test_force_that_cannot_be_is_refused(tmp_path, force_n, rule):
 def test_plan_that_gives_no_sensor_is_refused(change, rule):
     with pytest.raises(InputError, match=rule):
         SessionPlan("arm", 900e6, **change)
+
+
+LARGEST_DEG = steady_deg(900e6)
+
+
+@pytest.fixture
+def sensor():
+    held = HandHeldSensor()
+    held.force_n = 3.0
+    return held
+
+
+def test_press_that_holds_still_gives_mean_phases_and_their_error(sensor):
+    press = measure_press(sensor.readings(), 40.0, 3.0, LARGEST_DEG)
+    error = np.array(press.phase_deg) - sensor.model.phases_deg(3.0, 40.0)
+    assert np.all(np.abs(error) < 4 * np.array(press.phase_std_deg))
+    assert press.phase_std_deg == pytest.approx((0.1 / 14**0.5,) * 2, rel=0.6)
+    assert press.groups == 14 and not press.untouched
+
+
+def test_press_near_the_wrap_of_the_angle_keeps_its_mean(sensor):
+    readings = [
+        replace(each, phase1_deg=(179.9, -179.9)[i % 2]) for i, each in enumerate(sensor.readings())
+    ]
+    press = measure_press(readings, 40.0, 3.0, LARGEST_DEG)
+    assert abs(abs(press.phase_deg[0]) - 180) < 0.01
+
+
+def test_steady_presses_with_more_noise_are_not_refused():
+    """A user with a weak tag could not calibrate."""
+    noisy = HandHeldSensor(noise_deg=1.0)
+    noisy.force_n = 3.0
+    for _ in range(200):
+        measure_press(noisy.readings(), 40.0, 3.0, LARGEST_DEG)
+
+
+@pytest.mark.parametrize(
+    ("change", "rule"),
+    [
+        (lambda r: [*r[:-1], replace(r[-1], phase1_deg=r[-1].phase1_deg + 3)], "1 changed by 3"),
+        (
+            lambda r: [replace(x, phase2_deg=x.phase2_deg - 0.15 * i) for i, x in enumerate(r)],
+            "port 2 changed by 1",
+        ),
+        (
+            lambda r: [*r[:-3], *(replace(x, touch=0) for x in r[-3:])],
+            "must be touched; no touch in 3 of 14 readings",
+        ),
+        (
+            lambda r: [*r[:4], replace(r[4], touch=None, phase1_deg=None), *r[5:]],
+            "the tag was not in 1 of 14 readings",
+        ),
+        (lambda r: r[5:10], "must have at least 8 readings, got 5"),
+        (lambda r: [*r[:7], replace(r[7], flags=("gap",)), *r[8:]], "flagged; 'gap' in 1 of 14"),
+        (lambda r: [*r[:7], replace(r[7], flags=("moved",)), *r[8:]], "the tag or an antenna mov"),
+    ],
+)
+def test_press_that_is_not_measured_well_is_refused(sensor, change, rule):
+    with pytest.raises(InputError, match=rule):
+        measure_press(change(sensor.readings()), 40.0, 3.0, LARGEST_DEG)
+
+
+@pytest.mark.parametrize("flag", ["inconsistent", "weak"])
+def test_press_with_a_flag_of_the_provisional_model_is_measured(sensor, flag):
+    """The model is what the calibration replaces: its opinion must not prevent that."""
+    sensor.flags = (flag,)
+    assert measure_press(sensor.readings(), 40.0, 3.0, LARGEST_DEG).groups == 14
+
+
+def test_untouched_sensor_that_is_touched_or_disturbed_is_refused(sensor):
+    with pytest.raises(InputError, match="must be released; a touch in 14 of 14"):
+        measure_untouched(sensor.readings(), LARGEST_DEG)
+    sensor.force_n, sensor.flags = 0.0, ("inconsistent",)
+    with pytest.raises(InputError, match="reference was disturbed"):
+        measure_untouched(sensor.readings(), LARGEST_DEG)
+
+
+def test_press_whose_phases_scatter_is_refused():
+    noisy = HandHeldSensor(noise_deg=8.0)
+    noisy.force_n = 3.0
+    with pytest.raises(InputError, match="must be received better"):
+        measure_press(noisy.readings(), 40.0, 3.0, LARGEST_DEG)
