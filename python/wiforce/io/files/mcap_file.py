@@ -25,7 +25,7 @@ from ..ros_messages import (
 )
 from .output_file import EndedOutput, OutputFile
 
-_MODULES = ("mcap.stream_reader", "mcap.exceptions", "mcap.records", "mcap_ros2.decoder")
+_MODULES = ("mcap.reader", "mcap.exceptions", "mcap_ros2.decoder")
 _MAGIC = b"\x89MCAP0\r\n"
 
 
@@ -43,21 +43,16 @@ def mcap_is_cut(path: str | Path) -> bool:
 
 def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
     """Rows of the readings in a file, in the order written, also of one without its end."""
-    stream, errors, records, decoder = optional_modules(path, _MODULES)
+    reader, errors, decoder = optional_modules(path, _MODULES)
     decoders = decoder.DecoderFactory()
-    schemas: dict[int, Any] = {}
-    decoder_of: dict[int, Any] = {}
     cut = mcap_is_cut(path)
     try:
         with open(path, "rb") as file:
-            for record in stream.StreamReader(file, validate_crcs=True).records:
-                if isinstance(record, records.Schema) and record.name == READING:
-                    schemas[record.id] = record
-                elif isinstance(record, records.Channel) and record.schema_id in schemas:
-                    schema = schemas[record.schema_id]
-                    decoder_of[record.id] = decoders.decoder_for(record.message_encoding, schema)
-                elif isinstance(record, records.Message) and record.channel_id in decoder_of:
-                    yield _row(decoder_of[record.channel_id](record.data))
+            messages = reader.NonSeekingReader(file, validate_crcs=True)
+            for schema, channel, message in messages.iter_messages(log_time_order=False):
+                if schema is not None and schema.name == READING:
+                    decode = decoders.decoder_for(channel.message_encoding, schema)
+                    yield _row(decode(message.data))
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})") from error
     except (errors.EndOfFile, struct.error) as error:
