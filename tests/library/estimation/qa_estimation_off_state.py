@@ -9,7 +9,7 @@ from gnuradio.wiforce.estimation.phases.off_state import (
     estimate_off_reflection,
 )
 from gnuradio.wiforce.signal.carrier import wrap_deg
-from plain import errors_deg, make_air, make_plan, run_chain
+from plain import errors_deg, make_air, make_plan, normal, run_chain
 from wiforce_app.bench.air import TagOnAir
 
 
@@ -50,7 +50,7 @@ def test_a_leaky_switch_that_the_scene_states_leaves_no_bias(angle_deg):
 def test_presses_of_unknown_force_give_the_off_state_away(off):
     rng = np.random.default_rng(2)
     psi = 25.0 + rng.uniform(40, 130, 60)
-    noisy = ratio(psi, 25.0, off) + 0.002 * (rng.standard_normal(60) + 1j * rng.standard_normal(60))
+    noisy = ratio(psi, 25.0, off) + 0.002 * np.sqrt(2) * normal(rng, 60)
     estimate, std = estimate_off_reflection(noisy, 25.0, np.degrees(0.002))
     assert abs(estimate - off) < 4 * std < 0.02
 
@@ -64,15 +64,12 @@ def test_presses_that_change_inside_a_group_are_outvoted():
     assert abs(estimate - off) < 0.01
 
 
-def test_presses_too_noisy_to_decide_are_refused():
+@pytest.mark.parametrize(
+    ("turns_deg", "noise", "message"),
+    [((40, 90), 0.2, "off_reflection"), ((2, 20), 0.0, "needs presses that turn the phase")],
+)
+def test_presses_too_noisy_or_too_small_to_decide_are_refused(turns_deg, noise, message):
     rng = np.random.default_rng(3)
-    psi = 25.0 + rng.uniform(40, 90, 20)
-    noisy = ratio(psi, 25.0, 0.1) + 0.2 * (rng.standard_normal(20) + 1j * rng.standard_normal(20))
-    with pytest.raises(InputError, match="off_reflection"):
-        estimate_off_reflection(noisy, 25.0, np.degrees(0.2))
-
-
-def test_presses_that_turn_too_little_are_refused():
-    psi = 25.0 + np.linspace(2, 20, 30)
-    with pytest.raises(InputError, match="needs presses that turn the phase"):
-        estimate_off_reflection(ratio(psi, 25.0, 0.1), 25.0)
+    ratios = ratio(25.0 + rng.uniform(*turns_deg, 20), 25.0, 0.1) + noise * normal(rng, 20)
+    with pytest.raises(InputError, match=message):
+        estimate_off_reflection(ratios, 25.0, np.degrees(0.2))

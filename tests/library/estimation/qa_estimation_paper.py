@@ -6,9 +6,8 @@ import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.estimators import RatioUnfolder, estimator_named
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.weights import design_weights
-from plain import WAVEFORM, T, errors_deg, make_air, make_plan, run_chain
+from plain import WAVEFORM, T, averaged_groups, errors_deg, make_air, make_plan, run_chain
 from wiforce_app.bench.air import TagOnAir
 
 STILL = TagOnAir(start_cycles=0.2, untouched_deg=(20.0, -70.0), touched_deg=(75.0, -10.0))
@@ -65,34 +64,18 @@ def test_paper_and_sideband_invalid_group_is_empty(estimator):
     assert len(separator.flush()) == 0
 
 
-def ratios_with(ratios, std_deg, new_reference=()):
-    """Groups with ratios (G, n) and their standard deviations."""
-    index = np.arange(len(ratios))
-    return Groups(
-        index,
-        ratios=np.array(ratios, complex),
-        phase_std_deg=np.array(std_deg, float),
-        new_reference=np.isin(index, new_reference),
-    )
-
-
-def test_unfolder_steps_add_up_across_a_lost_group():
-    unfolder = RatioUnfolder("step")
-    steps = [[1, 1], [2j, 1], [1j, 0], [1j, -1j]]
-    stds = [[1, 1], [1, 1], [1, np.inf], [1, 1]]
-    angles = np.degrees(np.angle(unfolder.process(ratios_with(steps, stds)).ratios))
-    assert wrap_deg(angles) == pytest.approx(
-        np.array([[0, 0], [90, 0], [180, 0], [-90, -90]]), abs=1e-9
-    )
-    anew = unfolder.process(ratios_with([[1j, 1.0]], [[1, 1]], new_reference=[0]))
-    assert anew.ratios[0] == pytest.approx([1j, 1])
+def test_unfolder_steps_add_up_across_a_lost_group_and_begin_anew():
+    steps = np.array([[1], [2j], [0], [1j], [1j]])
+    std_deg, anew = np.array([[1, 1, np.inf, 1, 1]]).T, np.arange(5) == 4
+    groups = averaged_groups(steps, phase_std_deg=std_deg, new_reference=anew)
+    found = np.angle(RatioUnfolder("step").process(groups).ratios[[1, 3, 4], 0], deg=True)
+    assert np.abs(found) == pytest.approx([90, 180, 90]) and found[0] > 0 < found[2]
 
 
 def test_unfolder_square_root_stays_on_the_side_of_the_previous_group():
-    unfolder = RatioUnfolder("square")
     turns = np.radians(np.arange(0, 400, 50.0))[:, None]
-    squares = ratios_with(0.8 * np.exp(2j * turns), np.full((8, 1), 3.0))
-    unfolded = unfolder.process(squares)
+    squares = averaged_groups(0.8 * np.exp(2j * turns), phase_std_deg=np.full((8, 1), 3.0))
+    unfolded = RatioUnfolder("square").process(squares)
     assert unfolded.ratios == pytest.approx(np.sqrt(0.8) * np.exp(1j * turns))
     assert np.all(unfolded.phase_std_deg == 1.5)
 

@@ -236,17 +236,6 @@ def test_receiver_finish_gives_what_is_held_back(count):
     assert receiver.counts.groups == count
 
 
-def test_receiver_tare_before_the_first_reference_is_complete_is_refused():
-    """The scene states that nothing is touched then; groups held back lose no reference."""
-    plan = make_plan()
-    receiver = Receiver(plan, derotated=False)
-    assert receiver.process(recorded_groups(plan, 0, 12)) == [] and receiver.state == "reference"
-    assert receiver.tare().state == "refused"
-    assert "first reference" in receiver.tare().reason
-    readings = receiver.finish()
-    assert len(readings) == 12 and all(r.touch == 0 for r in readings)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
