@@ -11,6 +11,7 @@ import numpy as np
 import pmt
 import pytest
 from chain_from_file import Chain
+from device_times import tag_at
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks.stream_watch import Folded, StreamWatch
 from gnuradio.wiforce.errors import InputError
@@ -265,8 +266,7 @@ def press_codes_of(scene, folder):
     ],
 )
 def test_reader_at_a_wrong_carrier_or_rate_names_it(codes, key, value, cause):
-    tag = (0, pmt.intern(key), pmt.from_double(value), pmt.PMT_F)
-    (sentence,) = said_of(codes, tags=[gr.tag_utils.python_to_tag(tag)])
+    (sentence,) = said_of(codes, tags=[tag_at(0, key, pmt.from_double(value))])
     assert cause in sentence
 
 

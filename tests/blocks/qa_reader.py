@@ -7,7 +7,7 @@ import numpy as np
 import pmt
 import pytest
 from chain_runs import readings_of_reader
-from device_times import rx_time
+from device_times import rx_time, tag_at
 from gnuradio import blocks, gr, wiforce
 from machine import wait_until
 from press_capture import (
@@ -35,7 +35,7 @@ def read(samples, tags=()):
 def test_reader_takes_samples_at_the_carrier_of_the_scene_only(codes, carrier_hz, first):
     """Phases at another carrier look like presses with another force."""
     tags = [
-        gr.tag_utils.python_to_tag((at, pmt.intern("rx_freq"), pmt.from_double(hertz), pmt.PMT_F))
+        tag_at(at, "rx_freq", pmt.from_double(hertz))
         for at, hertz in ((0, carrier_hz), (11 * GROUP + 7, carrier_hz if first == 0 else 900e6))
     ]
     readings = read(codes, tags)

@@ -5,7 +5,10 @@ import pmt
 from gnuradio import gr
 from gnuradio.wiforce.blocks.stream_watch import time_value
 
-KEY = pmt.intern("rx_time")
+
+def tag_at(item, key, value):
+    """Tag of an item, by the name of its key."""
+    return gr.tag_utils.python_to_tag((item, pmt.intern(key), value, pmt.PMT_F))
 
 
 def value(seconds):
@@ -16,7 +19,7 @@ def value(seconds):
 
 def rx_time(offset, seconds):
     """Tag of an item."""
-    return gr.tag_utils.python_to_tag((offset, KEY, value(seconds), pmt.PMT_F))
+    return tag_at(offset, "rx_time", value(seconds))
 
 
 # What must not be taken for 2 s and a half.

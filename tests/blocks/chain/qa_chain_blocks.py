@@ -6,7 +6,7 @@ import pmt
 import pytest
 from chain_from_file import Chain
 from chain_runs import assert_equal_readings, readings_of_chain, readings_of_reader
-from device_times import rx_time
+from device_times import rx_time, tag_at
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks import names
 from gnuradio.wiforce.blocks.group_block import state_from_pmt, state_to_pmt
@@ -158,10 +158,7 @@ def sink_of(ends):
 
 def group_tags(count):
     """Tags of consecutive groups, as the Doppler block sets them."""
-    key = pmt.intern(names.GROUP)
-    return [
-        gr.tag_utils.python_to_tag((g, key, pmt.from_uint64(g), pmt.PMT_F)) for g in range(count)
-    ]
+    return [tag_at(group, names.GROUP, pmt.from_uint64(group)) for group in range(count)]
 
 
 def test_chain_blocks_unoccupied_bins_are_neither_read_nor_sent():
@@ -231,12 +228,6 @@ def separated(index, locked, offsets_ppm):
     )
 
 
-def state_tag_at(offset, group):
-    tag = gr.tag_t()
-    tag.offset, tag.key, tag.value = offset, pmt.intern(names.STATE), state_to_pmt(group)
-    return tag
-
-
 def test_state_of_another_kind_is_refused_and_further_entries_are_ignored():
     state = state_to_pmt(separated(3, [True, False], [40.0, 0.0]))
     own = pmt.dict_add(state, pmt.make_dict(), pmt.PMT_T)  # which Python cannot hold
@@ -248,7 +239,7 @@ def test_state_of_another_kind_is_refused_and_further_entries_are_ignored():
 
 def test_clock_offset_without_lock_is_nan():
     groups = [separated(0, [True, False], [40.0, 0.0]), separated(1, [True, True], [41.5, -65.25])]
-    tags = [state_tag_at(n, group) for n, group in enumerate(groups)]
+    tags = [tag_at(n, names.STATE, state_to_pmt(group)) for n, group in enumerate(groups)]
     source = blocks.vector_source_c([0j] * 3 * 256, False, 256, tags)
     block = wiforce.clock_offset(sensors=2, length=256)
     sink = blocks.vector_sink_f(2)

@@ -4,14 +4,9 @@
 import numpy as np
 import pmt
 import pytest
+from device_times import tag_at
 from gnuradio import blocks, gr, wiforce
 from press_capture import array_source, numbers_in
-
-
-def snapshot_tag(offset, index):
-    return gr.tag_utils.python_to_tag(
-        (offset, pmt.intern("snapshot"), pmt.from_uint64(index), pmt.PMT_F)
-    )
 
 
 class Run:
@@ -20,7 +15,7 @@ class Run:
     def __init__(self, snapshots, doppler, indices=None, chunk=None):
         indices = np.arange(len(snapshots)) if indices is None else np.asarray(indices)
         jumps = [n for n in range(len(indices)) if n == 0 or indices[n] != indices[n - 1] + 1]
-        tags = [snapshot_tag(n, int(indices[n])) for n in jumps]
+        tags = [tag_at(n, "snapshot", pmt.from_uint64(int(indices[n]))) for n in jumps]
         items = np.asarray(snapshots, np.complex64)
         source = array_source(items, tags)
         packets = blocks.copy(64 * gr.sizeof_gr_complex)

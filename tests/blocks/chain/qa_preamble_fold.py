@@ -4,7 +4,7 @@
 import numpy as np
 import pmt
 import pytest
-from device_times import NO_TIMES, rx_time
+from device_times import NO_TIMES, rx_time, tag_at
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from press_capture import array_source, counted_on, numbers_in, run_flowgraph
@@ -266,8 +266,7 @@ def test_a_collected_group_goes_on_after_a_stop():
 def test_times_that_are_no_times_are_ignored_and_counted():
     tags = [rx_time(0, 1.0)]
     for number, value in enumerate(NO_TIMES.values()):
-        bad = 3000 + number, pmt.intern("rx_time"), value, pmt.PMT_F
-        tags.append(gr.tag_utils.python_to_tag(bad))
+        tags.append(tag_at(3000 + number, "rx_time", value))
     folded, _, fold = run_fold(noise(10 * 720), tags, frame_length=720)
     assert len(folded) == 10
     assert fold.gaps() == 0 and fold.times_ignored() == len(NO_TIMES)

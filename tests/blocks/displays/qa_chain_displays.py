@@ -6,6 +6,7 @@ import dataclasses
 import numpy as np
 import pmt
 import pytest
+from device_times import tag_at
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks import names
 from gnuradio.wiforce.blocks.group_block import state_to_pmt
@@ -19,11 +20,6 @@ SCENE = {
     "phase_group": {"snapshots": 200},
     "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 230}],
 }
-
-
-def snapshot_tag(item, index):
-    tag = (item, pmt.intern(names.SNAPSHOT), pmt.from_uint64(index), pmt.PMT_F)
-    return gr.tag_utils.python_to_tag(tag)
 
 
 def shown(display, *items_and_tags):
@@ -40,7 +36,7 @@ def test_doppler_display_shows_lines_at_their_frequency_and_level(qt):
     # Static paths of amplitude 1, and a tag 40 dB below on every sample of the symbol.
     folded = 1 + 0.01 * np.exp(2j * np.pi * 230 * n / 2000)
     items = np.tile(folded[:, None], 64).astype(np.complex64)
-    widget = shown(display, items, [snapshot_tag(0, 0)])
+    widget = shown(display, items, [tag_at(0, names.SNAPSHOT, pmt.from_uint64(0))])
     hertz, level_db = widget.series()
     assert hertz[[0, 1, -1]].tolist() == [0, 10, 1000]
     room_db = 10 * np.log10(64)
@@ -58,7 +54,10 @@ def test_doppler_display_does_not_show_groups_with_missing_snapshots(qt):
     display = wiforce.doppler_display(wiforce.plan(SCENE), snapshots=200)
     items = np.ones((399, 64), np.complex64)
     items[200:] *= 10
-    tags = [snapshot_tag(0, 0), snapshot_tag(250, 251)]
+    tags = [
+        tag_at(0, names.SNAPSHOT, pmt.from_uint64(0)),
+        tag_at(250, names.SNAPSHOT, pmt.from_uint64(251)),
+    ]
     _, level_db = shown(display, items, tags).series()
     assert level_db[0] == pytest.approx(10 * np.log10(64), abs=0.01)
 
@@ -77,11 +76,7 @@ def test_phase_display_shows_changes_since_the_untouched_sensor(qt, estimator, e
         Groups([n], phase_std_deg=std[n : n + 1], new_reference=np.array([n == 0]))
         for n in range(4)
     ]
-    key = pmt.intern(names.STATE)
-    tags = [
-        gr.tag_utils.python_to_tag((n, key, state_to_pmt(state), pmt.PMT_F))
-        for n, state in enumerate(states)
-    ]
+    tags = [tag_at(n, names.STATE, state_to_pmt(state)) for n, state in enumerate(states)]
     display = wiforce.phase_display(plan)
     widget = shown(display, ratios.astype(np.complex64), tags)
     assert display.failure is None

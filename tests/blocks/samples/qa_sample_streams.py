@@ -12,6 +12,7 @@ import time
 import numpy as np
 import pmt
 import pytest
+from device_times import rx_time, tag_at
 from gnuradio import blocks, gr
 from gnuradio.wiforce.blocks.frame_alignment import FrameSearch, frame_alignment
 from gnuradio.wiforce.blocks.sample_streams import (
@@ -25,28 +26,9 @@ from gnuradio.wiforce.blocks.sample_streams import (
 from gnuradio.wiforce.blocks.stream_watch import Timeline, time_value
 from gnuradio.wiforce.estimation.capture.frame import MARGIN
 from gnuradio.wiforce.signal.waveform import sounding_waveform
-from press_capture import run_flowgraph
+from press_capture import array_source, run_flowgraph
 
 RATE, FRAME = 1e6, 400
-
-
-class tagged_source(gr.sync_block):
-    """The given samples, tagged with times and a carrier."""
-
-    def __init__(self, codes, tags):
-        gr.sync_block.__init__(self, "tagged_source", in_sig=None, out_sig=[(np.int16, 2)])
-        self._codes, self._tags, self._at = codes, tags, 0
-
-    def work(self, _, output_items):
-        count = min(len(output_items[0]), len(self._codes) - self._at, 1000)
-        if count == 0:
-            return -1
-        for offset, key, value in self._tags:
-            if self._at <= offset < self._at + count:
-                self.add_item_tag(0, offset, pmt.intern(key), value)
-        output_items[0][:count] = self._codes[self._at : self._at + count]
-        self._at += count
-        return count
 
 
 def codes(count, seed=1):
@@ -88,13 +70,13 @@ def test_sender_and_receiver_pass_all_samples_and_tags():
     ours, theirs = socket.socketpair()
     sent = codes(300_000)
     tags = [
-        (0, "rx_time", time_value(7, 0.5)),
-        (0, "rx_freq", pmt.from_double(900e6)),
-        (123_456, "rx_time", time_value(7, 0.75)),
-        (123_456, "packet_len", pmt.from_long(5)),
+        tag_at(0, "rx_time", time_value(7, 0.5)),
+        tag_at(0, "rx_freq", pmt.from_double(900e6)),
+        tag_at(123_456, "rx_time", time_value(7, 0.75)),
+        tag_at(123_456, "packet_len", pmt.from_long(5)),
     ]
     source, sender, receiver = (
-        tagged_source(sent, tags),
+        array_source(sent, tags),
         sample_sender(theirs),
         sample_receiver(RATE, FRAME),
     )
@@ -134,7 +116,8 @@ def test_sender_with_an_interval_sends_together_what_arrives_meanwhile():
     ours, theirs = socket.socketpair()
     sent = codes(100_000)
     flowgraph, heads = gr.top_block(), []
-    source, sender = tagged_source(sent, []), sample_sender(theirs, interval_s=0.2)
+    source, sender = array_source(sent), sample_sender(theirs, interval_s=0.2)
+    source.set_max_noutput_items(1000)
     flowgraph.connect(source, sender)
     flowgraph.start()
     with ours:
@@ -255,8 +238,8 @@ def test_frame_alignment_without_frames_keeps_few_tags():
     alignment = frame_alignment(frame_length=720, item_type="sc16", search_frames=10)
     count, gaps = 720_000, 1000
     every = count // gaps
-    tags = [(n * every, "rx_time", time_value(n, 0.0)) for n in range(gaps)]
-    source, sink = tagged_source(codes(count), tags), blocks.null_sink(4)
+    tags = [rx_time(n * every, n) for n in range(gaps)]
+    source, sink = array_source(codes(count), tags), blocks.null_sink(4)
     run_flowgraph(source, alignment, sink)
     assert alignment.offset is None and alignment.searches == 0
     assert len(alignment.search.tags) <= 3
