@@ -6,7 +6,6 @@
 #include <gnuradio/wiforce/phase_group_doppler.h>
 
 #include <algorithm>
-#include <deque>
 
 namespace gr::wiforce {
 
@@ -17,42 +16,6 @@ std::size_t vector_bytes(int symbol_length)
 {
     return symbol_length * sizeof(kernel::fc32);
 }
-
-// The noise of folded vectors, by their tags.
-class noise_tags
-{
-public:
-    // Takes the tags in the order of their items.
-    void add(const std::vector<gr::tag_t>& tags)
-    {
-        for (const gr::tag_t& tag : tags)
-            if (pmt::is_f32vector(tag.value))
-                d_runs.push_back({ tag.offset, pmt::f32vector_elements(tag.value) });
-    }
-    // Writes the noise of so many items; zeros where no tag tells it. Items before the
-    // first one are forgotten.
-    void write(std::uint64_t first, int count, kernel::snapshot_noise* noise)
-    {
-        for (std::uint64_t item = first; item < first + count; item++, noise++) {
-            while (!d_runs.empty() && d_runs.front().end() <= item)
-                d_runs.pop_front();
-            *noise = {};
-            if (!d_runs.empty() && d_runs.front().first <= item) {
-                const auto& [begin, values] = d_runs.front();
-                *noise = { values[2 * (item - begin)], values[2 * (item - begin) + 1] };
-            }
-        }
-    }
-
-private:
-    struct run {
-        std::uint64_t first; // item
-        std::vector<float> values;
-        std::uint64_t end() const { return first + values.size() / 2; }
-    };
-    std::deque<run> d_runs;
-};
-
 } // namespace
 
 class phase_group_doppler_impl : public group_block<phase_group_doppler>
@@ -93,7 +56,6 @@ public:
         get_tags_in_window(tags, 0, 0, available, keys::snapshot);
         std::sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
         auto tag = tags.begin();
-        collect_noise(available);
 
         int consumed = 0;
         int produced = 0;
@@ -116,7 +78,7 @@ public:
                 untagged,
                 [&](int n, kernel::fc32* slots, kernel::snapshot_noise* noise) {
                     std::copy_n(snapshots, n * d_symbol_length, slots);
-                    d_noise.write(here, n, noise);
+                    write_noise(here, n, noise);
                     kernel::note_values_not_finite(slots, n, d_symbol_length, noise);
                     return n;
                 });
@@ -137,10 +99,8 @@ public:
     bool start() override
     {
         // A flowgraph that is started again counts items anew, not so after unlock().
-        if (nitems_read(0) == 0) {
-            d_noise = noise_tags();
-            d_noise_read_to = 0;
-        }
+        if (nitems_read(0) == 0)
+            d_noise = {};
         return phase_group_doppler::start();
     }
 
@@ -158,21 +118,31 @@ private:
         return tags;
     }
 
-    void collect_noise(int available)
+    // The noise of so many input items, by the tags at them and the last one before;
+    // zeros where no tag tells it.
+    void write_noise(std::uint64_t first, int count, kernel::snapshot_noise* noise)
     {
-        const std::uint64_t end = nitems_read(0) + available;
-        std::vector<gr::tag_t> tags;
-        get_tags_in_range(
-            tags, 0, std::max(d_noise_read_to, nitems_read(0)), end, keys::noise);
-        std::sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
-        d_noise.add(tags);
-        d_noise_read_to = end;
+        std::fill_n(noise, count, kernel::snapshot_noise{});
+        std::vector<gr::tag_t> tags = tags_among(count, first, keys::noise);
+        tags.insert(tags.begin(), d_noise);
+        std::stable_sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
+        for (const gr::tag_t& tag : tags) {
+            if (!pmt::is_f32vector(tag.value))
+                continue;
+            const auto values = pmt::f32vector_elements(tag.value);
+            const std::uint64_t end =
+                std::min(tag.offset + values.size() / 2, first + count);
+            for (auto item = std::max(first, tag.offset); item < end; item++) {
+                const std::size_t at = 2 * (item - tag.offset);
+                noise[item - first] = { values[at], values[at + 1] };
+            }
+            d_noise = tag;
+        }
     }
 
     const int d_symbol_length;
     std::uint64_t d_snapshot = 0; // of the next input item
-    noise_tags d_noise;
-    std::uint64_t d_noise_read_to = 0; // input offset up to which its tags were read
+    gr::tag_t d_noise;            // the last one
 };
 
 phase_group_doppler::sptr phase_group_doppler::make(
