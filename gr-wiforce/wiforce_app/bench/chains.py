@@ -229,26 +229,24 @@ class RecordedTones:
 _GROUPS_PER_BATCH = 256
 
 
-def stock(recording, weights, tuned):
+def stock(recording, weights):
     """GNU Radio's own blocks: keep what is averaged, fold, weight a group at once, sum."""
     source = _file_source(recording)
     keep = blocks.keep_m_in_n(8, 64 * WAVEFORM.repetitions, WAVEFORM.frame_length, 64)
     pack = blocks.stream_to_vector(8, 64)
     fold = blocks.integrate_cc(WAVEFORM.repetitions, 64)
     group = blocks.stream_to_vector(8 * 64, GROUP_LENGTH)
-    if tuned:
-        source.set_min_output_buffer(TUNED_SAMPLES)
-        keep.set_min_output_buffer(TUNED_SAMPLES // 2)
-        pack.set_min_output_buffer(4 * TUNED_VECTORS)
-        fold.set_min_output_buffer(TUNED_VECTORS)
-        group.set_min_output_buffer(4)
+    source.set_min_output_buffer(TUNED_SAMPLES)
+    keep.set_min_output_buffer(TUNED_SAMPLES // 2)
+    pack.set_min_output_buffer(4 * TUNED_VECTORS)
+    fold.set_min_output_buffer(TUNED_VECTORS)
+    group.set_min_output_buffer(4)
     flowgraph, ends = Flowgraph(source, keep, pack, fold, group), []
     for row in weights / WAVEFORM.repetitions:
         weight = blocks.multiply_const_vcc(np.repeat(row, 64).astype(np.complex64).tolist())
         unpack = blocks.vector_to_stream(8 * 64, GROUP_LENGTH)
-        if tuned:
-            weight.set_min_output_buffer(4)
-            unpack.set_min_output_buffer(TUNED_VECTORS)
+        weight.set_min_output_buffer(4)
+        unpack.set_min_output_buffer(TUNED_VECTORS)
         total = blocks.integrate_cc(GROUP_LENGTH, 64)
         transform = fft.fft_vcc(64, True, [], False)
         equalize = blocks.multiply_const_vcc(WAVEFORM.equalizer().tolist())
@@ -303,8 +301,7 @@ CHAINS = {
     "block-by-block": separate_blocks,
     "file-fc32": partial(RecordedTones, item_type="fc32"),
     "file-sc16": partial(RecordedTones, item_type="sc16"),
-    "stock-default": partial(stock, tuned=False),
-    "stock-tuned": partial(stock, tuned=True),
+    "stock-tuned": stock,
     "numpy": NumpyScript,
     "ceiling-file-source": file_to_nowhere,
     "ceiling-read": MemoryRead,

@@ -3,18 +3,15 @@
 
 import tempfile
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import click
 import numpy as np
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 
 from ..shell.log import progress
-from ..shell.options import IntegerRange
 from ..shell.tables import Column, echo, table
 from .accuracy import Case, SnapshotChain, air_of, errors_of, plan_of
 
@@ -34,9 +31,6 @@ _FULL_SCALE = 23000  # -3 dB
 _QUIET_DB, _SILENT_DB = 60.0, 140.0
 _NOTHING_DEG = 0.02
 WEEK_GROUPS = int(7 * 86400 / 0.036)
-# Largest of some hundred Gaussian errors, with a margin of a third.
-_UNDETECTED_STD = 6.0
-_SEARCH = "random permitted settings"
 
 _ROUNDED = "rounding of the samples to single precision"
 _ROUNDING = {
@@ -46,14 +40,13 @@ _ROUNDING = {
 _TINY = "single precision loses digits below 1e-38"
 _SCALES = {"near 1e-36": 1e-36, "denormal, 1e-40": 1e-40, "near 1e15": 1e15}
 
-# The worst error of one kind of stress on one path: the largest phase error in degrees or in stated
-# standard deviations, of what is not flagged weak. Undetected is the largest error that neither the
-# stated standard deviation nor a flag indicates; not finite are values that are reported as valid.
+# The worst error of one kind of stress on one path: the largest phase error of what is not flagged
+# weak. Undetected is the largest error that neither the stated standard deviation nor a flag
+# indicates; not finite are values that are reported as valid.
 COLUMNS = (
     Column("stress", "stress"),
     Column("path", "path"),
-    Column("worst", "worst", ".2g"),
-    Column("", "unit"),
+    Column("worst (deg)", "worst", ".2g"),
     Column("limit", "limit", "g"),
     Column("undetected", "undetected", ".2g"),
     Column("discarded", "discarded"),
@@ -65,9 +58,8 @@ COLUMNS = (
 
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
-@click.option("--search", default=60, type=IntegerRange(1), help="Trials of each search.")
 @click.option("--only", default="", help="Run only stresses whose name contains this.")
-def stress(as_json, search, only):
+def stress(as_json, only):
     """Worst errors under strong clutter, extreme levels and nearly singular equations.
 
     Every path from samples to phases, in single and in double precision. Noise is 60 dB below the
@@ -76,14 +68,14 @@ def stress(as_json, search, only):
     from gnuradio import gr
 
     gr.logging().set_default_level(gr.log_levels.off)
-    tasks = [task for task in tasks_of(search) if only in task.name]
-    if not tasks:
+    wanted = [task for task in tasks() if only in task.name]
+    if not wanted:
         raise click.BadParameter(
             f"no stress has a name that contains {only!r}", param_hint="--only"
         )
     rows = []
-    with progress("stressing", len(tasks)) as step:
-        for task in tasks:
+    with progress("stressing", len(wanted)) as step:
+        for task in wanted:
             rows.append(task.row())
             step(1)
     echo({"rows": rows}, as_json, lambda _: table(rows, COLUMNS))
@@ -91,59 +83,57 @@ def stress(as_json, search, only):
 
 @dataclass(frozen=True)
 class Task:
-    """A row: its path, what measures its values, and the largest error allowed."""
+    """A row: what a case is exposed to on a path, the largest error allowed, and its main cause."""
 
-    name: str
+    case: Case
     path: str
-    measure: partial
-    limit: float | None = None
+    limit: float | None
+    cause: str
+    stressed: dict  # of `read_case`
+
+    @property
+    def name(self):
+        return self.case.name
 
     def row(self):
         """The values, and whether they are within the limit and hide nothing."""
-        row = {"stress": self.name, "path": self.path, "limit": self.limit, **self.measure()}
-        within = self.limit is None or row["worst"] <= self.limit
-        return {**row, "good": within and row["undetected"] == 0 and row["not_finite"] == 0}
+        values = values_of(*read_case(self.case, self.path, **self.stressed))
+        good = self.limit is None or values["worst"] <= self.limit
+        good = good and values["undetected"] == 0 and values["not_finite"] == 0
+        named = {"stress": self.name, "path": self.path, "limit": self.limit}
+        return {**named, **values, "cause": self.cause, "good": good}
 
 
-def tasks_of(search):
+def tasks():
     """All rows."""
-    tasks = []
 
-    def read(name, path, limit, cause, stressed, gamma_db=_QUIET_DB, static_db=60.0, groups=8):
-        case = quiet_case(name, gamma_db=gamma_db, static_db=static_db, groups=groups)
-        measure = partial(_worst, case, path, stressed, cause)
-        tasks.append(Task(name, path, measure, limit))
+    def task(name, path, limit, cause, stressed=None, **changes):
+        return Task(quiet_case(name, **changes), path, limit, cause, stressed or {})
 
     for clutter_db, limit in ((40.0, 0.02), (60.0, 0.02), (80.0, 0.02), (100.0, 0.2)):
         for path in ("double", *_BLOCKS):
-            cause, levels = _ROUNDING.get(path, _ROUNDED), (_SILENT_DB, clutter_db)
-            read(f"static clutter +{clutter_db:g} dB", path, limit, cause, {}, *levels)
+            cause, name = _ROUNDING.get(path, _ROUNDED), f"static clutter +{clutter_db:g} dB"
+            yield task(name, path, limit, cause, gamma_db=_SILENT_DB, static_db=clutter_db)
     name, cause = "16 bits, static clutter +40 dB", "quantisation to 16 bits, without dither"
-    read(name, "stream-sc16", None, cause, {}, _SILENT_DB, 40.0)
+    yield task(name, "stream-sc16", None, cause, gamma_db=_SILENT_DB, static_db=40.0)
     for path in ("double", "file-fc32"):
-        cause = "noise; the first groups state a larger std"
-        read(
+        name, cause = (
             "a week between reference and touch",
-            path,
-            0.01,
-            cause,
-            {"pause": WEEK_GROUPS, "known_deg": 0.02},
-            groups=40,
+            "noise; the first groups state a larger std",
         )
+        yield task(name, path, 0.01, cause, {"pause": WEEK_GROUPS, "known_deg": 0.02}, groups=40)
         cause = "the clock tracker assumes a constant level; weak until it is acquired again"
-        read("level 10^4 times up and down", path, 0.1, cause, {"scale": _steps}, groups=12)
+        yield task("level 10^4 times up and down", path, 0.1, cause, {"scale": _steps}, groups=12)
         for level, factor in _SCALES.items():
             lost = path != "double" and factor < 1e-30
             cause = _TINY if lost else "none: phases do not depend on the level"
             scaled = {"scale": lambda _, factor=factor: factor}
-            read(f"all samples {level}", path, 0.02, cause, scaled, static_db=20.0)
+            yield task(f"all samples {level}", path, 0.02, cause, scaled, static_db=20.0)
+    cause = "such frames count as missing"
     for path in _BLOCKS[:3]:
-        cause = "such frames count as missing"
-        read("samples that are not finite", path, 0.02, cause, {"hurt": _hurt})
+        yield task("samples that are not finite", path, 0.02, cause, {"hurt": _hurt})
     cause = "double precision of time: 0.1 ns after a week"
-    read("a week from the first sample", "double", 0.01, cause, {"first": WEEK_GROUPS})
-    tasks.append(Task(_SEARCH, "double", partial(_searched, search)))
-    return tasks
+    yield task("a week from the first sample", "double", 0.01, cause, {"first": WEEK_GROUPS})
 
 
 def quiet_case(name, gamma_db=_QUIET_DB, **changes):
@@ -165,32 +155,26 @@ def _hurt(touched, snapshots):
         snapshots[:] = np.nan
 
 
-def values_of(errors_deg, std_deg, unread, weight=1.0):
+def values_of(errors_deg, std_deg, unread):
     """Values of a row; errors are undetected beyond four standard deviations and 0.02 deg."""
     errors, weak = np.abs(errors_deg), std_deg > WEAK_PHASE_DEG
     hidden = ~weak & ~(errors <= 4 * std_deg + _NOTHING_DEG)
     return {
-        "worst": float(np.max((weight * errors)[~weak], initial=0.0)),
+        "worst": float(np.max(errors[~weak], initial=0.0)),
         "undetected": float(np.max(errors[hidden], initial=0.0)),
         "discarded": unread + int(np.count_nonzero(np.any(weak, axis=1))),
         "not_finite": int(np.count_nonzero(~np.isfinite([errors_deg, std_deg]))),
     }
 
 
-def _worst(case, path, stressed, cause):
-    return {**values_of(*read_case(case, path, **stressed)), "unit": "deg", "cause": cause}
-
-
-def read_case(
-    case, path="double", first=0, pause=0, scale=None, hurt=None, known_deg=np.inf, run=0
-):
-    """One run of a case by one of :data:`PATHS`: its reference groups, then its touched groups.
+def read_case(case, path="double", first=0, pause=0, scale=None, hurt=None, known_deg=np.inf):
+    """A run of a case by one of :data:`PATHS`: its reference groups, then its touched groups.
 
     Errors and stated std (n, 2S) of the touched groups that are read, and how many are not.
     ``pause`` groups are absent between. ``scale`` is a factor of a touched group's samples,
     ``hurt`` changes its H (N, K). What states more than ``known_deg`` counts as unread.
     """
-    air, tags, _ = air_of(case, run)
+    air, tags, _ = air_of(case, 0)
     settings = plan_of(case, "harmonic")
     touched = np.arange(-case.reference_groups, case.groups)
     indices = first + touched - touched[0] + pause * (touched >= 0)
@@ -264,47 +248,3 @@ def _samples(snapshots, item_type):
         return frames.astype(np.complex64).tobytes()
     codes = frames.view(float) * _FULL_SCALE / np.abs(frames).max()
     return np.clip(np.rint(codes), -32768, 32767).astype("<i2").tobytes()
-
-
-def _any_setting(rng):
-    """Random settings from the whole permitted range of a scene."""
-    settings = {
-        "off": float(rng.choice([0.0, 0.3])),
-        "gamma_db": float(rng.uniform(-10, 60)),
-        "group_length": int(rng.choice([63, 100, 125, 250, 400, 625, 800])),
-        "clocks_hz": (float(rng.uniform(400, 2000)),),
-        "static_db": float(rng.uniform(0, 80)),
-        "clutter_hz": float(rng.choice([0.0, 100.0, 250.0, 350.0])),
-        "offset_ppm": float(rng.uniform(0, 100)),
-        "drift_ppm_per_s": float(rng.uniform(0, 0.5)),
-        "coherence_hz": float(10 ** rng.uniform(5.5, 7.5)),
-        "groups": 5,
-    }
-    label = (
-        "clock {clocks_hz[0]:.0f} Hz, N_g {group_length}, gamma {gamma_db:.0f} dB, "
-        "clutter +{static_db:.0f} dB in {clutter_hz:.0f} Hz"
-    )
-    return settings, label.format(**settings)
-
-
-def _searched(search):
-    """Worst of many trials: the largest unflagged error in stated standard deviations."""
-    rng = np.random.default_rng(1)
-    found, refused = [], 0
-    for run in range(search):
-        changes, label = _any_setting(rng)
-        try:
-            errors, std, unread = read_case(quiet_case(_SEARCH, **changes), run=run)
-        except InputError:
-            refused += 1
-            continue
-        found.append({**values_of(errors, std, unread, 1 / (std + 0.005)), "cause": label})
-    worst = max(found, key=lambda values: values["worst"])
-    # Groups of a run share their reference, and ends share their clock.
-    return {
-        **{key: sum(values[key] for values in found) for key in ("discarded", "not_finite")},
-        "worst": worst["worst"],
-        "undetected": worst["worst"] if worst["worst"] > _UNDETECTED_STD else 0.0,
-        "unit": "std",
-        "cause": f"{worst['cause']}; {refused} of {search} refused",
-    }

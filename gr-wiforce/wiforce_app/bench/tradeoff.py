@@ -179,7 +179,7 @@ def _tones(setting, capture):
         return list(takewhile(len, iter(source.read, None)))
     recording = Recording(capture.path, capture.path, capture.samples)
     if setting.order == "stock":
-        flowgraph = stock(recording, settings.table.weights, tuned=True)
+        flowgraph = stock(recording, settings.table.weights)
     else:
         derotated = setting.order != "channel first" and settings.waveform.is_derotated
         order = setting.item_type, setting.order
