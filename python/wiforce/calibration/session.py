@@ -383,24 +383,15 @@ class CalibrationSession:
         """Replace the file by one with these measurements."""
         if self._stored() != self._data:
             raise InputError(self.path, "was changed by another program since it was written")
-        text, number = io.StringIO(), "{:.4f}".format
+        text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(_COLUMNS)
+        fixed = self.plan.sensor, f"{self.plan.frequency_hz / 1e6:.12g}"
         for m in measurements:
-            writer.writerow(
-                [
-                    m.time_utc,
-                    self.plan.sensor,
-                    f"{self.plan.frequency_hz / 1e6:.12g}",
-                    "" if m.untouched else f"{m.location_mm:.6g}",
-                    number(m.force_n),
-                    "" if math.isnan(m.force_std_n) else number(m.force_std_n),
-                    *map(number, m.phase_deg),
-                    *map(number, m.phase_std_deg),
-                    m.groups,
-                    "" if m.untouched else m.sweep,
-                ]
-            )
+            numbers = m.location_mm, m.force_n, m.force_std_n, *m.phase_deg, *m.phase_std_deg
+            cells = ["" if math.isnan(number) else f"{number:.8g}" for number in numbers]
+            sweep = "" if m.untouched else m.sweep
+            writer.writerow([m.time_utc, *fixed, *cells, m.groups, sweep])
         try:
             write_whole(self.path, text.getvalue())
         except OSError as error:
@@ -413,21 +404,19 @@ class CalibrationSession:
             rule = f"must be of the sensor '{self.plan.sensor}', whose calibration is continued"
             raise InputError(f"{where}: sensor", rule, row["sensor"])
         empty = {"location_mm": math.nan, "force_std_n": math.nan, "press": 1.0}
-        values = {
-            name: cell_number(row, name, where, empty.get(name))
-            for name in _COLUMNS
-            if name not in ("time_utc", "sensor")
-        }
-        if not same_carrier(1e6 * values["freq_mhz"], self.plan.frequency_hz):
+        freq_mhz, location_mm, force_n, force_std_n, first, second, *stds, groups, sweep = (
+            cell_number(row, name, where, empty.get(name)) for name in _COLUMNS[2:]
+        )
+        if not same_carrier(1e6 * freq_mhz, self.plan.frequency_hz):
             rule = f"must be {self.plan.frequency_hz / 1e6:g}, the scene's carrier"
             raise InputError(f"{where}: freq_mhz", rule, row["freq_mhz"])
         return PressMeasurement(
-            location_mm=values["location_mm"],
-            force_n=values["force_n"],
-            force_std_n=values["force_std_n"],
-            phase_deg=(values["phase1_deg"], values["phase2_deg"]),
-            phase_std_deg=(values["phase1_std_deg"], values["phase2_std_deg"]),
-            groups=int(values["groups"]),
-            sweep=int(values["press"]),
-            time_utc=row["time_utc"],
+            location_mm,
+            force_n,
+            force_std_n,
+            (first, second),
+            (stds[0], stds[1]),
+            int(groups),
+            int(sweep),
+            row["time_utc"],
         )
