@@ -5,6 +5,7 @@ import csv
 import datetime
 import io
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -334,15 +335,15 @@ class CalibrationSession:
         """Refuse a press for whose phases the whole table would be refused later."""
         where = new.location_mm, new.sweep
         sweep = [each for each in self.presses if (each.location_mm, each.sweep) == where]
-        force = np.array([each.force_n for each in [*sweep, new]])
-        phases = np.array([each.phase_deg for each in [*sweep, new]])
         slope = line.round_trip_deg_per_mm(self.plan.frequency_hz, self.plan.permittivity)
 
-        def jumps(count: int, port: int) -> bool:
-            return bool(unwrap_over_force(force[:count], phases[:count, port - 1], slope)[2].any())
+        def jumps(presses: Sequence[PressMeasurement], port: int) -> bool:
+            force = np.array([each.force_n for each in presses])
+            phase = np.array([each.phase_deg[port - 1] for each in presses])
+            return bool(unwrap_over_force(force, phase, slope)[2].any())
 
         for port in (1, 2):
-            if jumps(len(force), port) and not jumps(len(sweep), port):
+            if jumps([*sweep, new], port) and not jumps(sweep, port):
                 rule = (
                     f"must not jump at port {port} against those at other forces, further than a "
                     "press can move the short; measure again, or remove the one before"
@@ -372,10 +373,8 @@ class CalibrationSession:
 
     def doubts(self) -> list[str]:
         """Likely mistakes in what is stored, a sentence each, from two complete locations on."""
-        forces: dict[float, set[float]] = {}
-        for press in self.presses:
-            forces.setdefault(press.location_mm, set()).add(press.force_n)
-        if sum(len(each) >= LEAST_FORCES for each in forces.values()) < 2:
+        forces = Counter(place for place, _ in {(p.location_mm, p.force_n) for p in self.presses})
+        if sum(count >= LEAST_FORCES for count in forces.values()) < 2:
             return []
         return self.model().provenance.get("suspicions", [])
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -112,6 +112,13 @@ def _kernel(at: Array, length: float) -> Array:
     return _matern(np.abs(at[:, None] - at[None, :]), length) + _NUGGET * np.eye(at.size)
 
 
+@lru_cache(maxsize=4)  # a calibration needs one for each location that it leaves out
+def _grid(length_mm: float) -> tuple[Array, Array]:
+    """Locations (G,) of a table, and their :func:`node_slopes`."""
+    grid = np.linspace(0.0, length_mm, int(np.ceil(length_mm / _STEP_MM)) + 1)
+    return grid, node_slopes(grid)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class LocationInterpolation:
     """Weights of J calibrated locations at any location, and the variance of the result."""
@@ -123,8 +130,7 @@ class LocationInterpolation:
     @cached_property
     def _tables(self) -> list[list[CubicSpline]]:
         """Splines over location, per port: mean weights, their covariance, residual variance."""
-        grid = np.linspace(0.0, self.length_mm, int(np.ceil(self.length_mm / _STEP_MM)) + 1)
-        slopes, tables = node_slopes(grid), []
+        (grid, slopes), tables = _grid(self.length_mm), []
         for port in (0, 1):
             predictions = [self._kriging(grid, t, port) for t in self.transitions]
             weights = np.concatenate([p[0] for p in predictions])
