@@ -204,9 +204,8 @@ class SnapshotReader(CaptureReader):
                 fitted.clocks,
                 fitted.waveform.averaging_s,
                 fitted.reference_groups,
-                combination.response,
+                combination,
                 precision,
-                combination.hidden,
             )
             change = solved.change_since(parts)
             least = solved.uncertain

@@ -9,7 +9,6 @@ with every press, and U shows in every packet: the magnitude along the static pa
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +18,7 @@ from ...signal.weights import TimedTable, clutter_at
 from ..clocks.tracked_tag import TagClock
 from ..groups import Array, Groups
 from .antenna_states import LEAST_STEP
-from .packet_channels import LARGEST, DividedPackets, TagParts
+from .packet_channels import LARGEST, AntennaCombination, DividedPackets, TagParts
 
 # Rounds in which U is solved for at most, the change of U that ends them, a tenth of a degree of a
 # tag as strong as the static paths, and halvings of a step that does not fit better.
@@ -61,15 +60,13 @@ def solve_tags(
     clocks: tuple[TagClock, ...],
     window_s: float,
     reference_groups: int,
-    response: Callable[[Array], Array],
+    combination: AntennaCombination,
     precision: Array | None,
-    hidden: float = 1.0,
 ) -> SolvedTags:
     """Solve for the tags' parts along the static paths.
 
-    ``response`` gives what packets are divided by because of tags (n, K), ``hidden`` the expected
-    power along the static paths over that of the rest, ``precision`` (C, C) the inverse covariance
-    of the noise, None for that of ``groups``. Tags are untouched in the first groups.
+    ``precision`` (C, C) is the inverse covariance of the noise, None for that of ``groups``. Tags
+    are untouched in the first groups.
     """
     count, subcarriers, channels = len(clocks), packets.level.shape[1], packets.combined.shape[1]
     direct = np.zeros((count, subcarriers), np.complex64)
@@ -78,22 +75,14 @@ def solve_tags(
     closed = np.zeros((len(_ASIDE), len(time_s), 2 * count))
     unknown = np.ones((len(time_s), count))
     uncertain: list[float] = []
-    known = np.zeros(0, int)
     if len(groups):
-        received = groups.locked.all(axis=1) & np.isfinite(groups.gain).all(axis=1)
-        received &= np.isfinite(groups.noise).all(axis=1) & np.isfinite(groups.ends).all(
-            axis=(1, 2)
-        )
-        known = np.flatnonzero(received)
-    groups = groups[known]
+        measured = groups.gain, groups.noise, groups.ends
+        finite = [np.isfinite(each).reshape(len(groups), -1).all(axis=1) for each in measured]
+        groups = groups[groups.locked.all(axis=1) & np.all(finite, axis=0)]
     found = [_Group(row, packets, time_s, table, clocks, window_s) for row in groups]
     for tag in range(count if len(groups) else 0):
         own = slice(2 * tag, 2 * tag + 2)
-        rises = np.array([each.rise[own] for each in found])
-        spread = np.array([each.variance[own] for each in found])
-        common = np.array([each.common[own] for each in found])
-        measured = groups, own, rises, spread, common
-        solved = _Solution(*measured, response, reference_groups, precision, hidden)
+        solved = _Solution(groups, found, own, combination, reference_groups, precision)
         direct[tag], combined[tag] = solved.direct, solved.combined
         uncertain.append(solved.uncertain)
         changes = _changes(groups.index, solved.reflection)
@@ -164,19 +153,19 @@ class _Solution:
     def __init__(
         self,
         groups: Groups,
+        found: list[_Group],
         own: slice,
-        rises: Array,
-        variance: Array,
-        common: Array,
-        response: Callable[[Array], Array],
+        combination: AntennaCombination,
         reference_groups: int,
         precision: Array | None,
-        hidden: float,
     ) -> None:
-        self._hidden = hidden
-        self._index, self._ends, self._response = groups.index, groups.ends[:, own], response
+        self._hidden, self._response = combination.hidden, combination.response
+        self._index, self._ends = groups.index, groups.ends[:, own]
+        rises, variance, self._common = (
+            np.array([values[own] for values in each])
+            for each in zip(*((g.rise, g.variance, g.common) for g in found), strict=True)
+        )
         self._rises, self._precise = rises, 1 / np.maximum(variance, 1e-300)
-        self._common = common
         if precision is None:
             precision = np.diag(1 / groups.noise.mean(axis=0))
         self._precision = precision
@@ -188,7 +177,7 @@ class _Solution:
         self.direct = np.zeros(rises.shape[2], complex)
         # By how much the response on each subcarrier follows U on every other one.
         each = np.eye(rises.shape[2]) * _SMALL
-        self._follows: Array = (response(each) - 1) / _SMALL
+        self._follows: Array = (self._response(each) - 1) / _SMALL
         for _ in range(_ROUNDS):
             self._straighten()
             self._compare()
