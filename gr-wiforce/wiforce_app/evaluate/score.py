@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.calibration.gauge_comparison import compare_with_gauge, timed_forces
-from gnuradio.wiforce.calibration.gauges import read_gauge_file
+from gnuradio.wiforce.calibration.gauges import read_gauge
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files import format_of
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
@@ -79,7 +79,7 @@ def score(
     if output is not None:
         check_output(output, inputs)
     check_picture(plot_path, inputs)
-    gauge = read_gauge_file(against, time_column, force_column, unit)
+    gauge = read_gauge(against, time_column, force_column, unit)
     rows = _rows(capture, scene_path, datatype)
     try:
         readings = timed_forces(rows, sensors or None)

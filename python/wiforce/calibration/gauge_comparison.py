@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 
 from ..errors import InputError
 from ..io.files.readings_files import ReadingsFile, frame_rows
-from .gauges import GaugeRecord, gauge_of, read_gauge_file
+from .gauges import GaugeRecord, read_gauge
 
 if TYPE_CHECKING:
     import pandas
@@ -326,7 +326,7 @@ def score(
         As :func:`read` returns them, or a file of readings.
     gauge : str or Path, DataFrame, or GaugeRecord
         CSV file or frame with columns of times and forces, which are recognised by their names
-        (``read_gauge_file`` takes others). It may have any clock, zero and sign.
+        (``read_gauge`` takes others). It may have any clock, zero and sign.
     sensor : str or sequence of str, optional
         Name of the one that was pressed, where there are several; or the names of those that the
         gauge bears together, whose forces are added.
@@ -364,15 +364,7 @@ def score(
         rows = frame_rows(readings)
     else:
         raise InputError("readings", "must be a pandas frame or a file of readings", readings)
-    if isinstance(gauge, GaugeRecord):
-        record = gauge
-    elif isinstance(gauge, str | Path):
-        record = read_gauge_file(gauge)
-    elif hasattr(gauge, "to_dict"):
-        record = gauge_of("gauge", gauge)
-    else:
-        rule = "must be a CSV file, a pandas frame or a GaugeRecord"
-        raise InputError("gauge", rule, type(gauge).__name__)
+    record = gauge if isinstance(gauge, GaugeRecord) else read_gauge(gauge)
     return compare_with_gauge(timed_forces(rows, sensor), record, touch_n, offset_s)
 
 

@@ -146,29 +146,25 @@ class GaugeRecord:
     force_n: np.ndarray
 
 
-def read_gauge_file(
-    path: str | Path,
+def read_gauge(
+    record: pd.DataFrame | str | Path,
     time_column: str | None = None,
     force_column: str | None = None,
     unit: str | None = None,
 ) -> GaugeRecord:
-    """Read times and forces from a CSV file with a header.
+    """Read times and forces from a frame, or a CSV file with a header.
 
     Commas, semicolons or tabs separate columns, with the latter two decimal commas are allowed.
     Times are seconds, of the unit in the column's name, or ISO 8601. Columns are by default the
     only ones that sound like it; the unit is the column's, else N.
     """
-    return gauge_of(path, _table(path), time_column, force_column, unit)
-
-
-def gauge_of(
-    path: str | Path,
-    table: pd.DataFrame,
-    time_column: str | None = None,
-    force_column: str | None = None,
-    unit: str | None = None,
-) -> GaugeRecord:
-    """The record in a frame; ``path`` names it in errors, the rest as :func:`read_gauge_file`."""
+    if isinstance(record, str | Path):
+        path, table = str(record), _table(record)
+    elif hasattr(record, "to_dict"):
+        path, table = "gauge", record
+    else:
+        rule = "must be a CSV file, a pandas frame or a GaugeRecord"
+        raise InputError("gauge", rule, type(record).__name__)
     names = [str(name) for name in table.columns]
     time_name = _column(path, names, time_column, _TIME, "time")
     force_name = _column(path, names, force_column, _FORCE, "force", (time_name,))

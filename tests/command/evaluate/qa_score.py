@@ -13,7 +13,7 @@ from gnuradio.wiforce.calibration.gauge_comparison import (
     compare_with_gauge,
     timed_forces,
 )
-from gnuradio.wiforce.calibration.gauges import GaugeRecord, read_gauge_file
+from gnuradio.wiforce.calibration.gauges import GaugeRecord, read_gauge
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.mcap_file import McapWriter
 from gnuradio.wiforce.io.files.writers import open_writer
@@ -102,7 +102,7 @@ def test_holes_of_the_gauge_are_left_out(tmp_path, rows_without_force):
         rows = [row for row in rows if not row.endswith(",")]
     (tmp_path / "cell.csv").write_text("\n".join(["time_s,force_n", *rows]))
     own = readings()
-    found = compare_with_gauge(own, read_gauge_file(tmp_path / "cell.csv"))
+    found = compare_with_gauge(own, read_gauge(tmp_path / "cell.csv"))
     assert np.sqrt(np.mean(found.error_n**2)) < 1.15 * STD_N
     inside = (found.time_s > 5.52) & (found.time_s < 7.96) | (np.abs(found.time_s - 15) < 0.025)
     assert not inside.any() and abs(found.offset_s) < 0.01
@@ -177,7 +177,7 @@ FILES = {
 @pytest.mark.parametrize("text", FILES)
 def test_files_of_gauges_are_understood(text, tmp_path):
     (tmp_path / "cell.csv").write_text(text)
-    record = read_gauge_file(tmp_path / "cell.csv")
+    record = read_gauge(tmp_path / "cell.csv")
     times, forces = FILES[text]
     assert record.time_s.tolist() == pytest.approx(times)
     assert record.force_n.tolist() == pytest.approx(forces)
@@ -200,7 +200,7 @@ BAD = {
 def test_files_that_are_no_gauges_are_refused(text, tmp_path):
     (tmp_path / "cell.csv").write_text(text)
     with pytest.raises(InputError) as refused:
-        read_gauge_file(tmp_path / "cell.csv")
+        read_gauge(tmp_path / "cell.csv")
     assert BAD[text] in str(refused.value)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from command_runs import refused, run_command, succeeded
 from gnuradio import wiforce
-from gnuradio.wiforce.calibration.gauges import read_gauge_file
+from gnuradio.wiforce.calibration.gauges import read_gauge
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.files.mcap_file import McapWriter
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
@@ -260,5 +260,5 @@ def test_score_readings_of_no_or_endless_time_are_refused(tmp_path, times, messa
 def test_gauge_rows_that_end_in_a_separator_are_not_shifted(tmp_path):
     """Loggers write such rows, whose times were taken for forces."""
     (tmp_path / "g.csv").write_text("Time (h);Force (N)\n0;5;\n1;7;\n")
-    record = read_gauge_file(tmp_path / "g.csv")
+    record = read_gauge(tmp_path / "g.csv")
     assert record.time_s.tolist() == [0, 3600] and record.force_n.tolist() == [5, 7]
