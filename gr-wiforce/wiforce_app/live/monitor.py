@@ -8,7 +8,6 @@ from collections import deque
 from collections.abc import Callable
 
 import click
-from gnuradio.wiforce.estimation.capture.frame import describe_frames
 from gnuradio.wiforce.io.readings import Reading
 
 from ..read.recordings import RoomNews, describe_events, describe_loss
@@ -159,7 +158,5 @@ class SessionMonitor:
             self._moved, self._ignored = moved, ignored
         if session.alignment.searches >= _SEARCHES and not self._no_frames_reported:
             self._no_frames_reported = True
-            frames = describe_frames(session.waveform)
-            log.warning(
-                f"no sounding frames found ({frames}); check antennas, --tx-gain and --rx-gain"
-            )
+            problem = session.alignment.problem()
+            log.warning(f"no sounding frames found: {problem}; check antennas and gains as well")

@@ -7,10 +7,12 @@ import sys
 from types import SimpleNamespace
 
 import numpy as np
+from gnuradio.wiforce.blocks.frame_alignment import FrameSearch
 from gnuradio.wiforce.errors import OutputError
 from gnuradio.wiforce.io.readings import GroupCounts
 from gnuradio.wiforce.planning.findings import Finding
 from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.signal.waveform import sounding_waveform
 from live_runs import scene_file
 from wiforce_app.live import monitor as session_monitor
 from wiforce_app.live.live import _Ending
@@ -73,6 +75,19 @@ def test_session_monitor_warns_at_the_end_of_what_the_last_warnings_did_not_know
     session.reader.groups.on_warning("reader: the stream has ended")
     monitor.finish()
     assert not capsys.readouterr().err
+
+
+def test_session_monitor_says_once_why_there_are_no_frames(capsys):
+    """A wrong sample rate was blamed on the antennas."""
+    session, now = session_in_words(), [0.0]
+    monitor = session_monitor.SessionMonitor(session, HEALTH, now=lambda: now[0])
+    session.alignment = FrameSearch(sounding_waveform(), search_frames=8)
+    for _ in range(20):
+        now[0] += 1.1
+        session.alignment.take(np.zeros((session.alignment.wanted, 2), np.int16), [])
+        monitor.look()
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "no sounding frames found: all samples are 0" in line
 
 
 def test_session_monitor_many_gaps_advises_larger_socket_buffers(capsys):
