@@ -157,8 +157,9 @@ class SurfacePosterior:
         """The posterior's mean and covariance; at least one strip of each reading is touched."""
         starts = range(0, len(evidence), _AT_ONCE)
         parts = [self._some(evidence[start : start + _AT_ONCE]) for start in starts]
-        names = SurfacePress.__dataclass_fields__
-        return SurfacePress(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+        return SurfacePress(
+            *map(np.concatenate, zip(*(vars(p).values() for p in parts), strict=True))
+        )
 
     def roughly(self, evidence: SurfaceEvidence) -> SurfacePress:
         """The least-squares press of such evidence, without a covariance: much faster."""
@@ -504,21 +505,15 @@ class SurfaceEstimator:
         self, phases: Array, std: Array, usable: Flags, touched: Flags
     ) -> SurfaceEvidence:
         """What the strips show, with their locations along x."""
-        profiles = []
+        profiles = np.ones((4, *usable.shape, _FORCES))
         for i, strip in enumerate(self.skin.strips):
             rows = np.flatnonzero(usable[:, i] & touched[:, i])
             own = strip_profile(strip.model, self.skin.frequency_hz, phases[rows, i], std[rows, i])
-            own = StripProfile(
-                own.force_n,
-                own.log_weight,
-                np.asarray(strip.x_of(own.location_mm - self.skin.spreading.offset_mm(i))),
-                own.variance_mm2,
-            )
-            profiles.append(_spread_out(own, rows, len(phases)))
-        names = StripProfile.__dataclass_fields__
-        joined = (np.stack([getattr(p, name) for p in profiles], axis=1) for name in names)
+            x = strip.x_of(own.location_mm - self.skin.spreading.offset_mm(i))
+            profiles[:, rows, i] = own.force_n, own.log_weight, x, own.variance_mm2
         nothing = np.zeros(usable.shape)
-        return SurfaceEvidence(StripProfile(*joined), usable & touched, usable & ~touched, nothing)
+        shown = StripProfile(*profiles)
+        return SurfaceEvidence(shown, usable & touched, usable & ~touched, nothing)
 
 
 # Distance in mm of a press from one that was not there: farther than any surface is wide.
@@ -527,14 +522,3 @@ _ABSENT_MM = 1e5
 
 def _distance(press: Array, last: Array | None) -> float:
     return _ABSENT_MM if last is None else float(np.hypot(*(press[1:] - last[1:])))
-
-
-def _spread_out(profile: StripProfile, rows: NDArray[np.intp], count: int) -> StripProfile:
-    """Profiles at their rows of all readings; the other rows have no meaning."""
-
-    def at_rows(values: Array) -> Array:
-        every = np.ones((count, values.shape[1]))
-        every[rows] = values
-        return every
-
-    return StripProfile(*(at_rows(getattr(profile, name)) for name in profile.__dataclass_fields__))
