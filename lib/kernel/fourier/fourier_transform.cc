@@ -19,7 +19,7 @@ namespace {
 
 // One plan of a length serves all vectors, which are aligned alike, until the process
 // ends. FFTW's planner belongs to the whole process, where GNU Radio plans as well.
-auto transform_of(int length)
+auto transform_of(int length, fc32* input, fc32* output)
 {
     static std::mutex one_at_a_time;
     static auto& plans = *new std::map<int, fftwf_plan>;
@@ -31,13 +31,9 @@ auto transform_of(int length)
     const auto values = [](fc32* of) { return reinterpret_cast<fftwf_complex*>(of); };
     auto& plan = plans[length];
     if (!plan) {
-        std::vector<fc32> input(length), output(length);
         fftwf_plan_with_nthreads(1);
-        plan = fftwf_plan_dft_1d(length,
-                                 values(input.data()),
-                                 values(output.data()),
-                                 FFTW_FORWARD,
-                                 FFTW_ESTIMATE);
+        plan = fftwf_plan_dft_1d(
+            length, values(input), values(output), FFTW_FORWARD, FFTW_ESTIMATE);
     }
     return [plan = plan, values](fc32* input, fc32* output) {
         fftwf_execute_dft(plan, values(input), values(output));
@@ -114,14 +110,17 @@ private:
     std::vector<value> d_sums;
 };
 
-auto transform_of(int length) { return prime_factors(length); }
+auto transform_of(int length, fc32*, fc32*) { return prime_factors(length); }
 
 #endif
 
 } // namespace
 
 fourier_transform::fourier_transform(int length)
-    : d_input(length), d_output(length), d_transform(transform_of(length))
+    : d_length(length),
+      d_input((length + 1) / 2),
+      d_output((length + 1) / 2),
+      d_transform(transform_of(length, input(), output()))
 {
 }
 

@@ -22,18 +22,26 @@ public:
     fourier_transform(const fourier_transform&) = delete;
     fourier_transform& operator=(const fourier_transform&) = delete;
 
-    int length() const { return static_cast<int>(d_input.size()); }
+    int length() const { return d_length; }
     // Where the next execute() finds x.
-    fc32* input() { return d_input.data(); }
+    fc32* input() { return reinterpret_cast<fc32*>(d_input.data()); }
     // X, valid until the next call.
     const fc32* execute()
     {
-        d_transform(d_input.data(), d_output.data());
-        return d_output.data();
+        d_transform(input(), output());
+        return output();
     }
 
 private:
-    std::vector<fc32> d_input, d_output;
+    fc32* output() { return reinterpret_cast<fc32*>(d_output.data()); }
+
+    // As FFTW aligns vectors, also where the allocator does not.
+    struct alignas(16) pair {
+        fc32 values[2];
+    };
+
+    const int d_length;
+    std::vector<pair> d_input, d_output;
     const std::function<void(fc32* input, fc32* output)> d_transform;
 };
 
