@@ -367,14 +367,14 @@ narrow_band_screen::narrow_band_screen(int group_length, int symbol_length)
       d_width(symbol_length),
       d_typical_median(group_length),
       d_fourier(symbol_length),
-      d_pairs(group_length),
-      d_states(group_length)
+      d_pairs(group_length)
 {
 }
 
 int narrow_band_screen::keep(const phase_group& group, std::vector<std::uint8_t>& marks)
 {
-    std::fill(d_states.begin(), d_states.end(), unknown);
+    for (change& of : d_pairs)
+        of.powers.clear();
     learn_quiet(group, marks);
     const float typical = d_typical_median.value();
     const float limit = TYPICAL_MEDIAN * typical; // an edge of a tag, or a band, is above
@@ -475,10 +475,9 @@ narrow_band_screen::measured_change(const phase_group& group, int n)
         change* const of = measured_pair(group, first);
         if (!of)
             continue;
-        if (d_states[first] != with_median) {
+        if (of->median < 0) {
             d_sorted = of->powers;
             of->median = ordered(d_sorted, d_width, d_width / 2);
-            d_states[first] = with_median;
         }
         if (!nearest || of->median < nearest->median)
             nearest = of;
@@ -494,7 +493,7 @@ narrow_band_screen::change* narrow_band_screen::measured_pair(const phase_group&
     if (n < 0 || n + 1 >= d_length || !group.mask()[n] || !group.mask()[n + 1])
         return nullptr;
     change& of = d_pairs[n];
-    if (d_states[n] == unknown) {
+    if (of.powers.empty()) {
         const fc32 *const here = group.slot(n), *const there = group.slot(n + 1);
         fc32* const difference = d_fourier.input();
         for (int i = 0; i < d_width; i++)
@@ -507,7 +506,7 @@ narrow_band_screen::change* narrow_band_screen::measured_pair(const phase_group&
             sum += of.powers[k];
         }
         of.mean = sum / d_width;
-        d_states[n] = measured;
+        of.median = -1;
     }
     return of.mean > 0 ? &of : nullptr;
 }

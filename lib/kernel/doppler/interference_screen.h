@@ -57,9 +57,9 @@ public:
 private:
     // From a snapshot to the next one; over the subcarriers.
     struct change {
-        std::vector<float> powers;
-        float mean = 0;
-        float median = 0; // where it was needed
+        std::vector<float> powers; // empty where it was not measured
+        float mean;
+        float median; // below 0 where it was not needed
     };
 
     void learn_quiet(const phase_group& group, const std::vector<std::uint8_t>& marks);
@@ -71,9 +71,7 @@ private:
     const int d_width;             // subcarriers
     recent_level d_typical_median; // over the subcarriers
     fourier_transform d_fourier;
-    enum state : std::uint8_t { unknown, measured, with_median };
     std::vector<change> d_pairs;
-    std::vector<state> d_states;        // of the pairs
     std::vector<const change*> d_quiet; // of snapshots without interference
     std::vector<std::uint8_t> d_is_narrow;
     std::vector<float> d_values, d_sorted; // scratch
