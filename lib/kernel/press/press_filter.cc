@@ -93,7 +93,8 @@ press_filter::press_filter(std::shared_ptr<const press_image> image,
     : d_image(std::move(image)),
       d_set(settings),
       d_off(off),
-      d_off_differ(off.differ(settings.contact_np))
+      d_off_differ(off.differ(settings.contact_np)),
+      d_negligible(std::log(std::min(rarest * settings.period_s, least_weight)))
 {
 }
 
@@ -506,7 +507,7 @@ void press_filter::settle()
     for (const auto* each : likely) {
         const auto& next = *each;
         // All of its evidence is lost where it is dropped.
-        const double counts = next.log_weight - d_best - negligible;
+        const double counts = next.log_weight - d_best - d_negligible;
         if (counts < 0)
             break;
         const bool full = d_kept.size() == most_kept;

@@ -190,6 +190,7 @@ private:
     press_parameters d_set;
     off_states d_off;
     bool d_off_differ;
+    double d_negligible; // logarithm of a weight that is not followed
     std::vector<explanation> d_kept, d_next;
     double d_best = 0;    // largest log weight so far
     double d_claimed = 0; // probability of what the user has said

@@ -40,7 +40,7 @@ bool press_filter::may_count(const explanation& next, double log_phases) const
 
 double press_filter::least_phases(const explanation& next) const
 {
-    return d_best + negligible - d_amplitude_peak - next.log_weight;
+    return d_best + d_negligible - d_amplitude_peak - next.log_weight;
 }
 
 // Adds what follows, for the event to change and to give; nothing where it cannot count,
@@ -62,7 +62,7 @@ press_filter::follow(const explanation& from, double probability, double phase_p
 void press_filter::give(explanation& next, double log_likelihood, bool lasts)
 {
     next.log_weight += log_likelihood;
-    if (!(next.log_weight > d_best + negligible)) {
+    if (!(next.log_weight > d_best + d_negligible)) {
         d_next.pop_back();
         return;
     }
