@@ -94,7 +94,7 @@ press_filter::press_filter(std::shared_ptr<const press_image> image,
       d_set(settings),
       d_off(off),
       d_off_differ(off.differ(settings.contact_np)),
-      d_negligible(std::log(std::min(rarest * settings.period_s, least_weight)))
+      d_negligible(std::log(std::min(settings.rarest * settings.period_s, least_weight)))
 {
 }
 

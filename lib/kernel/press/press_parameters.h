@@ -30,6 +30,7 @@ struct press_parameters {
     double steps =
         0.003; // 1/s: steps of the receiver's phase or gain, of the tag's level; its
                // supply fails; moves of a cable, until they are learned
+    double rarest = 1e-5;     // 1/s: what happens less often is not followed
     double contact_np = 0.05; // spread of a contact's loss of amplitude
     double aside = 0.1; // rad: error of the direction in which the model moves a press
     double phase_deg = 0.03;      // error of a phase that no noise explains

@@ -14,9 +14,6 @@ namespace gr::wiforce::kernel {
 constexpr std::size_t most_kept = 64;
 // Nats: two are one where no more of the evidence for either is lost.
 constexpr double no_loss = 0.1;
-// 1/s: what happens less often is not followed, a fifth of the rate of the rarest event,
-// a turn at one of its speeds.
-constexpr double rarest = 1e-5;
 // Explanations with less weight change no reading.
 constexpr double least_weight = 3e-5;
 // Logarithm of a density or a weight that cannot count, below any other.

@@ -215,6 +215,7 @@ void bind_press(py::module& m)
                          hands,
                          near_s,
                          steps,
+                         rarest,
                          contact_np,
                          aside,
                          phase_deg,
