@@ -2,7 +2,6 @@
 """`gr-wiforce check FILE` of any file: what it is, whether it is whole, whether a tag is seen."""
 
 import json
-import os
 
 import numpy as np
 import pytest
@@ -40,12 +39,9 @@ def test_snapshots_with_a_tag_say_how_strong_it_is_and_what_error_it_allows(tmp_
 
 
 def test_snapshots_without_a_tag_say_so(tmp_path):
-    path = snapshots(tmp_path, line_db=120)
-    found, text = checked(path)
+    found, text = checked(snapshots(tmp_path, line_db=120))
     assert found["tag"] is None and "none is seen" in text
-    assert any(
-        advice.startswith("no tag is seen: check that it is on") for advice in found["advice"]
-    )
+    assert any("no tag is seen: check that it is on" in advice for advice in found["advice"])
 
 
 def test_stamps_gaps_lamps_and_a_single_antenna_are_advised_on(tmp_path):
@@ -147,10 +143,6 @@ SCENE = {
 }
 
 
-def check(*arguments):
-    return run_command("check", *arguments)
-
-
 @pytest.fixture
 def capture(tmp_path):
     wiforce.simulate(wiforce.load_scene(SCENE), tmp_path / "press")
@@ -158,30 +150,25 @@ def capture(tmp_path):
 
 
 def test_check_capture_whole_file_is_verified(capture):
-    done = check(capture, "--json")
-    assert done.returncode == 0, done.stderr
+    done = run_command("check", capture, "--json")
     found = json.loads(done.stdout)
     (file,) = found["files"]
     assert file["checksum"] == "verified" and file["samples"] == 500_000
     assert file["seconds"] == pytest.approx(0.4) and file["gaps"] == 0
     assert found["first_frame"] == 0 and found["levels"]["peak_dbfs"] == pytest.approx(-3, abs=1)
     assert found["warnings"] == []
-    assert "checksum   verified" in check(capture).stdout
+    assert "checksum   verified" in run_command("check", capture).stdout
 
 
 @pytest.mark.parametrize("damage", ["changed", "cut"])
 def test_check_capture_changed_or_cut_file_is_refused(capture, damage):
     """One flipped bit, or a copy that ended early, gives readings of something else."""
     data = capture.with_suffix(".sigmf-data")
-    if damage == "cut":
-        os.truncate(data, data.stat().st_size - 4 * 50_000)
-    else:
-        content = bytearray(data.read_bytes())
-        content[1_000_001] ^= 1
-        data.write_bytes(content)
-    done = check(capture)
-    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
-    assert "press.sigmf-data: must have the checksum that its metadata state" in done.stderr
+    content = bytearray(data.read_bytes())
+    content[1_000_001] ^= 1
+    data.write_bytes(content if damage == "changed" else content[: -4 * 50_000])
+    said = refused("check", capture)
+    assert "press.sigmf-data: must have the checksum that its metadata state" in said
 
 
 def test_check_capture_without_checksum_or_with_gaps_says_so(capture):
@@ -191,43 +178,40 @@ def test_check_capture_without_checksum_or_with_gaps_says_so(capture):
     gap = {"core:sample_start": 400_000, "core:global_index": 450_000}
     content["captures"].append({**content["captures"][0], **gap})
     meta.write_text(json.dumps(content))
-    done = check(capture)
-    assert done.returncode == 0, done.stderr
-    assert "50000 samples lost in 1 gaps" in done.stdout and "checksum   none" in done.stdout
-    assert "no checksum is known" in done.stdout
+    text = checked(capture)[1]
+    assert "50000 samples lost in 1 gaps" in text and "checksum   none" in text
+    assert "no checksum is known" in text
 
 
 def test_check_capture_states_levels_of_extreme_and_damaged_floats(capture):
     """It printed inf for squares beyond single precision, and nan for one frame without numbers."""
-    usual = json.loads(check(capture, "--json").stdout)["levels"]
+    usual = checked(capture)[0]["levels"]
     samples = np.fromfile(capture.with_suffix(".sigmf-data"), np.int16).astype(np.float32)
     samples, data = samples.view(np.complex64) / 32768, capture.with_name("raw.cf32")
-    options = ("--scene", capture.with_name("scene.yaml"), "--datatype", "cf32_le", "--json")
-    options[1].write_text(yaml.safe_dump(SCENE))
+    scene = capture.with_name("scene.yaml")
+    scene.write_text(yaml.safe_dump(SCENE))
     for scale, at, count in ((1.0, 500, 1), (1e25, 0, 0), (1.0, 0, 150_000)):
         damaged = samples * np.float32(scale)
         damaged[at : at + count] = np.nan
         damaged.tofile(data)
-        found = check(data, *options)
-        assert found.returncode == 0, found.stderr
-        levels = json.loads(found.stdout)["levels"]
+        levels = check_file(data, scene, "cf32_le", None)[0]["levels"]
         more_db = 20 * np.log10(scale)
         assert levels["preamble_dbfs"] == pytest.approx(usual["preamble_dbfs"] + more_db, abs=0.1)
         assert levels["noise_dbfs"] == pytest.approx(usual["noise_dbfs"] + more_db, abs=0.5)
     samples[::100] = np.nan
     samples.tofile(data)
-    done = check(data, *options)
-    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
-    assert "raw.cf32: holds no whole frame of finite samples" in done.stderr
+    said = refused("check", data, "--scene", scene, "--datatype", "cf32_le")
+    assert "raw.cf32: holds no whole frame of finite samples" in said
 
 
 def test_check_capture_with_a_tag_says_how_well_it_is_seen(tmp_path):
     scene = {**SCENE, "reference_s": 0.2}
     wiforce.simulate(wiforce.load_scene(scene), tmp_path / "press")
-    (tag,) = json.loads(check(tmp_path / "press", "--json").stdout)["sensors"]
+    found, text = checked(tmp_path / "press")
+    (tag,) = found["sensors"]
     assert tag["name"] == "arm" and abs(tag["clock_offset_ppm"]) < 100
     assert max(tag["phase_error_deg"]) < 1.0
-    assert "none, ready to be read; only `read` can tell" in check(tmp_path / "press").stdout
+    assert "none, ready to be read; only `read` can tell" in text
 
 
 def test_check_with_a_wrong_clock_names_the_one_on_the_air(tmp_path):
@@ -238,8 +222,8 @@ def test_check_with_a_wrong_clock_names_the_one_on_the_air(tmp_path):
         sensors = [{**SCENE["sensors"][0], "clock_hz": clock_hz}]
         other = {**SCENE, "reference_s": 0.2, "sensors": sensors}
         (tmp_path / "other.yaml").write_text(yaml.safe_dump(other))
-        done = check(tmp_path / "press", "--scene", tmp_path / "other.yaml", "--json")
-        return " ".join(json.loads(done.stdout)["advice"])
+        found, _ = check_file(tmp_path / "press", tmp_path / "other.yaml", None, None)
+        return " ".join(found["advice"])
 
     assert advice(340).startswith("arm: no tag detected at 340 Hz: on the air is a clock of 300.")
     assert advice(340).endswith("does not list: is it the scene of what is received?")
@@ -254,16 +238,20 @@ def test_check_with_a_wrong_clock_names_the_one_on_the_air(tmp_path):
 def test_check_raw_samples_gives_what_the_scene_and_the_file_state(capture, tmp_path):
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(SCENE))
     raw = capture.with_suffix(".sigmf-data").rename(tmp_path / "press.bin")
-    options = "--scene", tmp_path / "scene.yaml", "--datatype", "ci16_le"
-    done = check(raw, *options, "--json")
-    assert done.returncode == 0, done.stderr
-    (file,) = json.loads(done.stdout)["files"]
+    found, text = check_file(raw, tmp_path / "scene.yaml", "ci16_le", None)
+    (file,) = found["files"]
     assert file["seconds"] == pytest.approx(0.4) and file["checksum"] == "none"
-    assert "unknown carrier" in check(raw, *options).stdout
-    assert "give a FILE" in check("--datatype", "ci16_le").stderr
+    assert "unknown carrier" in text
 
 
-def test_check_needs_a_capture_or_a_device(capture):
-    for arguments in ([], ["--scene", "demo"], [capture, "--args", "addr=127.0.0.1"]):
-        done = check(*arguments)
-        assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "give --scene and --args for a device, or a FILE"),
+        (["--scene", "demo"], "or a FILE"),
+        (["file", "--args", "addr=127.0.0.1"], "FILE and --args exclude each other"),
+        (["--datatype", "ci16_le"], "give a FILE"),
+    ],
+)
+def test_check_needs_a_capture_or_a_device(arguments, says):
+    assert says in refused("check", *arguments)

@@ -83,25 +83,19 @@ def test_tag_lost_in_noise_is_unknown_in_json_and_text():
     assert "expected phase error is unknown" in advice
 
 
-def test_survey_plot_is_written(captures, busy):
-    assert (captures / "busy.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-
-
 def test_survey_text_names_findings_and_their_handling(captures, busy):
     done = succeeded("survey", captures / "busy")
     for finding in busy["findings"]:
         assert finding["name"] in done.stdout and finding["handling"] in done.stdout
     for change in busy["changes"]:
         assert f"needed: {change}" in done.stdout
+    assert (captures / "busy.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
 def test_survey_of_quiet_room_finds_nothing(captures):
     done = succeeded("survey", captures / "quiet")
     assert "found nothing besides the tags of the scene" in done.stdout
     assert done.stdout.count("skipped: ") == 3 and "needed: " not in done.stdout
-    found = json.loads(run_command("survey", captures / "quiet", "--json").stdout)
-    assert found["findings"] == [] and found["changes"] == []
-    assert found["sensors"][0]["snr_db"] == pytest.approx([10, 10], abs=1)
 
 
 @pytest.mark.parametrize("room, lines", [("quiet", 0), ("busy", 2)])
@@ -115,9 +109,10 @@ def test_read_reports_only_findings_that_matter(captures, room, lines):
 
 def test_plan_of_capture_states_what_its_room_adds(captures, busy):
     done = run_command("plan", captures / "busy.yaml", "--capture", captures / "busy", "--json")
-    found = json.loads(done.stdout)["room"]
+    report = json.loads(done.stdout)
+    found = report["room"]
     assert found["findings"] == busy["findings"] and found["changes"] == busy["changes"]
-    assert found["settings"]["tones"] > json.loads(done.stdout)["settings"]["tones"]
+    assert found["settings"]["tones"] > report["settings"]["tones"]
     assert any("adds separation of tags" in change for change in found["changes"])
     text = run_command("plan", captures / "quiet.yaml", "--capture", captures / "quiet").stdout
     assert "room of the capture" in text and "skipped: separation of tags" in text
@@ -145,8 +140,5 @@ def test_survey_and_plan_of_raw_samples_find_what_those_of_the_capture_do(captur
 def test_survey_bad_input_gives_one_line_and_status_2(captures, monkeypatch, arguments, message):
     monkeypatch.chdir(captures)
     if arguments == ["short"]:
-        scene = {**SCENE, "reference_s": 0.08}
-        simulate(load_scene(scene), captures / "short")
-    done = run_command("survey", *arguments)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert message in done.stderr and done.stderr.count("\n") == 1
+        simulate(load_scene({**SCENE, "reference_s": 0.08}), captures / "short")
+    assert message in refused("survey", *arguments)
