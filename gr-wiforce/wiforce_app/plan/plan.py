@@ -162,16 +162,7 @@ def _print(report, summary, with_steps):
     if with_steps:
         _print_steps(report["steps"])
     if "room" in report:
-        _print_room(report["room"], report["steps"])
-
-
-def _print_room(room, steps):
-    click.echo(f"\nroom of the capture: {room['text']}")
-    before, after = (
-        sum(step["operations"] for step in each if step["needed"]) / 1e6
-        for each in (steps, room["steps"])
-    )
-    click.echo(f"cost: {before:.3g} Mflop per second of signal before, {after:.3g} in this room")
+        click.echo(f"\nroom of the capture: {report['room']['text']}")
 
 
 def _print_steps(steps):

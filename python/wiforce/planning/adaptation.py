@@ -11,7 +11,7 @@ import numpy as np
 from ..estimation.clocks.tracked_tag import TagClock
 from ..estimation.room.clock_lines import measured
 from ..estimation.room.sources import Source
-from ..estimation.room.survey import LONGEST_S, SHORTEST_S, Survey, survey_folded
+from ..estimation.room.survey import LONGEST_S, SHORTEST_S, Survey, survey_channel
 from ..signal.lines import CLUTTER_MARGIN, RoomNoise
 from ..signal.switching import harmonics
 from ..signal.weights import ToneTable
@@ -200,6 +200,9 @@ def survey_reference(plan: Plan, snapshots: np.ndarray, folded: np.ndarray) -> S
     if not len(snapshots):
         return None
     runs = np.split(folded, np.flatnonzero(np.diff(snapshots) > 1) + 1)
-    folded = max(runs, key=len)
+    waveform, bins = plan.waveform, plan.waveform.bins
+    # NumPy 2 transforms single precision in single precision.
+    channel = np.fft.fft(max(runs, key=len).astype(complex))[:, bins]
+    channel *= waveform.equalizer()[bins]
     mains_hz = plan.require_scene().environment.possible_mains_hz
-    return survey_folded(folded, plan.waveform, plan.clocks, mains_hz)
+    return survey_channel(channel, waveform, plan.clocks, mains_hz)

@@ -36,7 +36,7 @@ def survey_of(tags, clocks, seed=1, gamma_db=20.0, lamps_db=None):
         t = np.arange(COUNT) * plain.T
         light = sum(np.cos(200 * np.pi * k * t + k) / k for k in range(1, 60))
         channel += 0.225 * 10 ** (lamps_db / 20) * light[:, None] * air.channels[0]
-    return survey_channel(channel, plain.WAVEFORM, clocks)
+    return survey_channel(channel, plain.WAVEFORM, clocks, (50.0, 60.0))
 
 
 def surveyed(tags, clocks, *args, **more):

@@ -236,16 +236,16 @@ def test_levels_without_tag_refer_to_noise(own_plan):
 
 def test_unusable_channel_gives_no_survey():
     """A recording that cannot be surveyed is still read, with the scene's own plan."""
-    clocks = [TagClock(1040.0)]
-    assert survey_channel(room()[:1000], WAVEFORM, clocks) is None  # less than 0.1 s
+    known = [TagClock(1040.0)], (50.0, 60.0)
+    assert survey_channel(room()[:1000], WAVEFORM, *known) is None  # less than 0.1 s
     for value in (np.nan, np.inf):
         bad = room()
         bad[5000, 3] = value
-        assert survey_channel(bad, WAVEFORM, clocks) is None
-    assert survey_channel(np.ones((COUNT, CARRIERS)), WAVEFORM, clocks) is None  # no noise
+        assert survey_channel(bad, WAVEFORM, *known) is None
+    assert survey_channel(np.ones((COUNT, CARRIERS)), WAVEFORM, *known) is None  # no noise
     silent = room()
     silent[:, 5] = 0
-    assert survey_channel(silent, WAVEFORM, clocks) is None
+    assert survey_channel(silent, WAVEFORM, *known) is None
 
 
 # Noise of a room in the weights.

@@ -32,8 +32,6 @@ _LEAST_ODD = 2
 # Whatever repeats more slowly is Doppler, such as that of a fan's blades, and no tag's clock.
 SLOWEST_TAG_HZ = 250.0
 _FIRST_LINES = 12
-# Mains frequencies that are possible where nothing is known.
-MAINS_HZ = (50.0, 60.0)
 # Lines beyond this harmonic are below the noise, and those of a tag that are weaker than this part
 # of its first one do not matter.
 _MOST_HARMONICS = 1000
@@ -102,7 +100,7 @@ def identify(
     step_hz: float,
     least_power: Array,
     waveform: Waveform,
-    mains_hz: Sequence[float] = MAINS_HZ,
+    mains_hz: Sequence[float],
 ) -> list[Source]:
     """Attribute lines to their sources, the strongest first.
 

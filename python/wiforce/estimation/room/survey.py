@@ -20,7 +20,7 @@ from ...wiforce_kernels import chi_squared_limit
 from ..clocks.tracked_tag import TagClock
 from ..groups import Array
 from .clock_lines import ClockLine, find_clocks, vertex
-from .sources import MAINS_HZ, RoomLine, Source, identify
+from .sources import RoomLine, Source, identify
 
 # Terms of the window, and its equivalent noise bandwidth in bins, n sum w^2 / (sum w)^2.
 _TERMS = (0.35875, -0.48829, 0.14128, -0.01168)
@@ -188,7 +188,7 @@ def survey_channel(
     channel: Array,
     waveform: Waveform,
     clocks: Sequence[TagClock],
-    mains_hz: Sequence[float] = MAINS_HZ,
+    mains_hz: Sequence[float],
 ) -> Survey | None:
     """Survey the room from the channel (n, K) of consecutive snapshots in which nothing is touched.
 
@@ -242,20 +242,6 @@ def survey_channel(
         significant,
         channel.shape[1],
     )
-
-
-def survey_folded(
-    folded: Array,
-    waveform: Waveform,
-    clocks: Sequence[TagClock],
-    mains_hz: Sequence[float] = MAINS_HZ,
-) -> Survey | None:
-    """As :func:`survey_channel`, from folded frames (n, symbol_length)."""
-    bins = waveform.bins
-    # NumPy 2 transforms single precision in single precision.
-    channel = np.fft.fft(folded.astype(complex))[:, bins]
-    channel *= waveform.equalizer()[bins]
-    return survey_channel(channel, waveform, clocks, mains_hz)
 
 
 def _significant(spectrum: Array, subcarriers: int) -> float:
