@@ -15,7 +15,7 @@ from gnuradio.wiforce.planning.clocks import clocks_for
 from gnuradio.wiforce.planning.expected import error_map, expect
 from gnuradio.wiforce.planning.plan import plan as plan_of
 from gnuradio.wiforce.planning.steps import steps as steps_of
-from gnuradio.wiforce.scene import load_scene, simulation_warnings
+from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.simulated import MAX_SENSORS
 
 from ..shell.commands import GroupedHelp
@@ -68,7 +68,7 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
         "steps": [dataclasses.asdict(step) for step in steps_of(settings)],
         "expected": [dataclasses.asdict(sensor) for sensor in expect(settings)],
         "warnings": warnings_of(settings),
-        "notes": [note for note in _notes(settings) if note],
+        "notes": [note for note in [licence_note(scene)] if note],
     }
     if capture_path is not None:
         report["room"] = _room(capture_path, datatype, settings)
@@ -81,14 +81,6 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
         click.echo(json.dumps(report, indent=2))
     else:
         _print(report, str(settings), with_steps)
-
-
-def _notes(settings):
-    """What is worth knowing beside warnings."""
-    scene = settings.require_scene()
-    if scene.simulation.presses:
-        yield from simulation_warnings(scene)
-    yield licence_note(scene)
 
 
 def _propose_clocks(scene, count, as_json):
