@@ -12,7 +12,7 @@ from gnuradio import wiforce
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.receiver import Receiver
-from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording import RecordingReader, groups_of
 from gnuradio.wiforce.signal.bound import phase_bound_deg
 from second_simulator import Tag, write_vna
 from waveform_captures import Air, chirp, zadoff_chu
@@ -87,28 +87,23 @@ def test_symbol_given_as_a_file_is_read_at_its_bound_and_errors_are_as_stated(na
     assert abs(snr_db - air.snr_db) < 2
 
 
-def test_long_symbols_in_batches_of_any_size_give_equal_readings(folder, monkeypatch):
+def test_long_symbols_in_batches_of_any_size_give_equal_readings(folder):
     """Spread lines and their noise follow the groups, whether these come singly or not."""
     air, own = replace(LONG, snr_db=20.0, duration_s=1.2), folder / "batches"
     own.mkdir()
     air.write(own, "../finger.yaml")
-    taken, separate = [], Receiver.separate
-
-    def record(receiver, groups):
-        taken.append(groups)
-        return separate(receiver, groups)
-
-    monkeypatch.setattr(Receiver, "separate", record)
     plan = wiforce.plan(own / "scene.yaml")
-    expected = [r for batch in RecordingReader(open_capture(own / "capture"), plan) for r in batch]
-    monkeypatch.undo()
-    receiver, groups = Receiver(plan), Groups.concatenate(taken)
-    readings = [r for i in range(len(groups)) for r in receiver.process(groups[i : i + 1])]
-    readings += receiver.finish()
-    values = np.array([(r.phase1_deg, r.phase2_deg, r.snr_db) for r in readings], float)
-    others = np.array([(r.phase1_deg, r.phase2_deg, r.snr_db) for r in expected], float)
-    assert len(values) >= 30
-    np.testing.assert_allclose(values, others, rtol=1e-8)
+    source = groups_of(open_capture(own / "capture"), plan, 0)
+    groups = Groups.concatenate(source.read() for _ in range(4))  # of 16 each, and none at the end
+
+    def values(size):
+        receiver, count = Receiver(plan), len(groups)
+        parts = [receiver.process(groups[i : i + size]) for i in range(0, count, size)]
+        readings = [r for part in [*parts, receiver.finish()] for r in part]
+        return np.array([(r.phase1_deg, r.phase2_deg, r.snr_db) for r in readings], float)
+
+    assert len(groups) >= 30
+    np.testing.assert_allclose(values(1), values(len(groups)), rtol=1e-8)
 
 
 def tiny(tmp_path, **sounding):
