@@ -59,7 +59,6 @@ _FOR_COMPANION = (
     "is_capture",
     "is_carrier_of",
     "is_scene",
-    "is_sensor",
     "is_waveform",
     "scene_in_companion",
     "symbol_length_of",

@@ -47,8 +47,7 @@ def test_rules_refuse_what_the_constructors_refuse(tmp_path):
     for scene in ("missing.yaml", "dome", broken, 3, {}):
         assert not wiforce.is_scene(scene)
     for model in ("missing.yaml", "wiforce-800mhz", 3):
-        assert not wiforce.is_sensor(model)
-    assert wiforce.is_sensor("line-900mhz")
+        assert not wiforce.is_carrier_of(model, 900e6)
     sensor = {"name": "arm", "model": "line-900mhz"}
     assert wiforce.is_scene({"sensors": [sensor]})
     for wrong in (

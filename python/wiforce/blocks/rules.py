@@ -101,15 +101,8 @@ def is_scene(scene: Any) -> bool:
     return _accepted(build)
 
 
-def is_sensor(model: Any) -> bool:
-    """Whether a sensor model, or its file or name, can be loaded."""
-    from ..sensor import SensorModel, load_sensor
-
-    return isinstance(model, SensorModel) or _accepted(lambda: load_sensor(model))
-
-
 def is_carrier_of(model: Any, frequency_hz: float) -> bool:
-    """Whether a sensor model contains a carrier in Hz, or can be transferred to it."""
+    """Whether a sensor model can be loaded, and contains or can be transferred to a carrier in Hz."""
     from ..sensor import load_sensor
 
     return _accepted(lambda: load_sensor(model, frequency_hz=frequency_hz))
