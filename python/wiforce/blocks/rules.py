@@ -102,7 +102,7 @@ def is_scene(scene: Any) -> bool:
 
 
 def is_carrier_of(model: Any, frequency_hz: float) -> bool:
-    """Whether a sensor model can be loaded, and contains or can be transferred to a carrier in Hz."""
+    """Whether a sensor model can be loaded, and has a carrier in Hz or can be moved to it."""
     from ..sensor import load_sensor
 
     return _accepted(lambda: load_sensor(model, frequency_hz=frequency_hz))
