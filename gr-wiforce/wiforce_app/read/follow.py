@@ -8,7 +8,7 @@ import time
 
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks.captures import capture_stream
-from gnuradio.wiforce.estimation.capture.frame import searched_samples
+from gnuradio.wiforce.estimation.capture.frame import describe_frames, searched_samples
 from gnuradio.wiforce.estimation.capture.recorded_frames import find_frames, first_frame
 from gnuradio.wiforce.io.capture import open_capture
 
@@ -26,12 +26,9 @@ class GrowingCapture:
     """Reads a capture while it grows, until interrupted; iterating gives readings as they come."""
 
     def __init__(self, capture, datatype, plan, frame_offset, tracked):
-        recording = _once_long_enough(capture, datatype, plan.waveform)
-        recording.check_against(plan.scene)
+        recording = _once_there_are_frames(capture, datatype, plan, frame_offset is None)
         if frame_offset is None:
             frame_offset, _ = first_frame(recording, plan.waveform)
-        else:
-            find_frames(recording, plan.waveform)
         self.frame_offset = frame_offset
         self._path = recording.path
         self._readings = queue.SimpleQueue()
@@ -88,13 +85,22 @@ class GrowingCapture:
         return {self._path: self._reader.fold.frames_moved()}
 
 
-def _once_long_enough(capture, datatype, waveform):
-    """The recording as soon as it holds as many frames as their offset is searched in."""
-    recording = open_capture(capture, datatype)
-    while recording.span < searched_samples(waveform):
-        time.sleep(_WAIT_S)
+def _once_there_are_frames(capture, datatype, plan, needed):
+    """The recording as soon as it is long enough and, if ``needed``, holds frames; refuses others.
+
+    The transmitter may be switched on after the recorder.
+    """
+    frames = ""
+    while True:
         recording = open_capture(capture, datatype)
-    return recording
+        recording.check_against(plan.scene)
+        if recording.span >= searched_samples(plan.waveform):
+            if find_frames(recording, plan.waveform) is not None or not needed:
+                return recording
+            if not frames:
+                frames = describe_frames(plan.waveform)
+                log.warning(f"{recording.path}: waiting, as it holds no frames yet ({frames})")
+        time.sleep(_WAIT_S)
 
 
 def _on_interrupt(call):

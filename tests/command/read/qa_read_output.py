@@ -6,6 +6,7 @@ import re
 import shutil
 import signal
 import subprocess
+from contextlib import closing
 
 import numpy as np
 import pandas
@@ -165,12 +166,13 @@ def forget_checksum(meta):
 class Growing:
     """A capture of which a part is in the file, with ``read --follow`` on it."""
 
-    def __init__(self, capture, folder, share):
+    def __init__(self, capture, folder, share, silence=0):
         self.meta = folder / "grow.sigmf-meta"
         shutil.copy(f"{capture}.sigmf-meta", self.meta)
         self.content = forget_checksum(self.meta)
-        self.data = np.fromfile(f"{capture}.sigmf-data", "<i4")
-        self.written = int(share * len(self.data))
+        samples = np.fromfile(f"{capture}.sigmf-data", "<i4")
+        self.data = np.concatenate([np.zeros(silence, "<i4"), samples])
+        self.written = silence + int(share * len(samples))
         self.data[: self.written].tofile(folder / "grow.sigmf-data")
         self.path, self.output = folder / "grow.sigmf-data", folder / "out.csv"
         command = ["gr-wiforce", "read", str(self.path), "--follow", "-o", str(self.output)]
@@ -185,13 +187,24 @@ class Growing:
         with open(self.path, "ab") as stream:
             stream.write(self.data[self.written :].tobytes())
 
+    def close(self):
+        self.process.kill()
+        self.process.communicate()
+
 
 @pytest.fixture
 def growing(capture, tmp_path):
-    grown = Growing(capture, tmp_path, 0.6)
-    yield grown
-    grown.process.kill()
-    grown.process.communicate()
+    with closing(Growing(capture, tmp_path, 0.6)) as grown:
+        yield grown
+
+
+def test_follow_waits_for_a_transmitter_that_is_switched_on_later(capture, tmp_path):
+    """A recorder that was started first had to be started again."""
+    with closing(Growing(capture, tmp_path, 0.0, silence=700_000)) as grown:
+        said = grown.process.stderr.readline()
+        assert "grow.sigmf-data: waiting, as it holds no frames yet (waveform" in said
+        grown.grow()
+        grown.wait_for_rows(3)
 
 
 @pytest.mark.parametrize(
