@@ -78,52 +78,48 @@ class GuidedCalibration:
         if self._location_mm is not None:
             self.show_progress()
             self._location_mm = None
-        self._prompt(
+        prompt = (
             f"\nRelease the sensor, set the ruler to {target.location_mm:g} mm from port 1, "
             "and press Enter while it is untouched: "
         )
-        line = self._lines.next(self._idle)
-        if not self._handled(line, target) and self._measure_untouched():
+        if self._answer(prompt, target) is None:
+            return
+        collect = self._presses.collect
+        untouched = self._store(lambda: measure_untouched(collect(self._idle), self._largest_deg))
+        if untouched is not None:
+            self._echo(f"  untouched: {_phases(untouched)}; stored")
             self._location_mm = target.location_mm
-
-    def _measure_untouched(self):
-        try:
-            readings = self._presses.collect(self._idle)
-            untouched = measure_untouched(readings, self._largest_deg)
-            self._session.add(untouched)
-        except InputError as error:
-            return self._refuse(error)
-        self._echo(f"  untouched: {_phases(untouched)}; stored")
-        return True
 
     def _ask(self, target):
         how = "type the force" if self._scale is None else "press Enter"
-        self._prompt(
-            f"{target.location_mm:g} mm, about {target.force_n:g} N: press, hold still, {how}: "
-        )
-        line = self._lines.next(self._idle)
-        if not self._handled(line, target):
-            self._measure(line, target)
+        at = f"{target.location_mm:g} mm, about {target.force_n:g} N"
+        line = self._answer(f"{at}: press, hold still, {how}: ", target)
+        press = None if line is None else self._store(lambda: self._press(line, target))
+        if press is not None:
+            done, wanted = self._session.done()
+            self._echo(f"  {press.force_n:.2f} N: {_phases(press)}; stored, {done} of {wanted}")
 
-    def _handled(self, line, target):
-        """Whether a line was a command, or the end of input."""
+    def _answer(self, prompt, target):
+        """The line that is typed; None where it was a command, or at the end of input."""
+        self._echo(prompt, nl=False)
+        line = self._lines.next(self._idle)
         command = self._commands.get("q" if line is None else line.lower())
         if command is None:
-            return False
+            return line
         if line is None:
             self._echo("")
         command(target)
-        return True
+        return None
 
-    def _measure(self, line, target):
+    def _store(self, measure):
+        """The measurement that was made and stored; None where it was refused."""
         try:
-            press = self._press(line, target)
-            self._session.add(press)
+            measurement = measure()
+            self._session.add(measurement)
         except InputError as error:
-            self._refuse(error)
-            return
-        done, wanted = self._session.done()
-        self._echo(f"  {press.force_n:.2f} N: {_phases(press)}; stored, {done} of {wanted}")
+            self._echo(f"  not stored: {error.renamed(_WORDS)}")
+            return None
+        return measurement
 
     def _press(self, line, target):
         std_n = float("nan")
@@ -175,13 +171,6 @@ class GuidedCalibration:
             doubts = [f"these measurements do not make a sensor: {error}"]
         for doubt in doubts:
             self._echo(f"  doubtful: {doubt}")
-
-    def _refuse(self, error):
-        self._echo(f"  not stored: {error.renamed(_WORDS)}")
-        return False
-
-    def _prompt(self, text):
-        self._echo(text, nl=False)
 
     def _idle(self):
         self._presses.idle()

@@ -328,15 +328,12 @@ class CurveModel(SensorModel):
         return force_basis(self.form, self.knots_n)
 
     @cached_property
-    def _interpolations(self) -> list[LocationInterpolation]:
+    def interpolations(self) -> list[LocationInterpolation]:
+        """Of each carrier."""
         return [
             LocationInterpolation(c.location_mm, self.length_mm, c.interpolation)
             for c in self.carriers
         ]
-
-    def interpolation(self, carrier: int) -> LocationInterpolation:
-        """The :class:`~.location.LocationInterpolation` of a carrier, by index."""
-        return self._interpolations[carrier]
 
     def noise_deg(self, frequency_hz: float | None = None) -> tuple[float, ...]:
         """Scatter of the calibration data about the curves, per port."""
@@ -363,7 +360,7 @@ class CurveModel(SensorModel):
         return values.reshape(*basis.shape[:-1], *curves.shape[:-1])
 
     def short_deg(self, force: Array, location: Array, carrier: int) -> Array:
-        interpolation = self._interpolations[carrier]
+        interpolation = self.interpolations[carrier]
         values = self._at_locations(force, carrier)
         added = np.stack(
             [
@@ -377,7 +374,7 @@ class CurveModel(SensorModel):
         return added + line.short_phase_deg(distance, frequency, self.permittivity)
 
     def _model_std_deg(self, force: Array, location: Array, carrier: int) -> Array:
-        curves, interpolation = self.carriers[carrier], self._interpolations[carrier]
+        curves, interpolation = self.carriers[carrier], self.interpolations[carrier]
         basis, covariance = self._basis(force), curves.covariance_deg2
         along = basis @ np.moveaxis(covariance, 2, 0).reshape(len(covariance[0, 0]), -1)
         along = along.reshape(*basis.shape[:-1], *covariance.shape[:2], -1)
