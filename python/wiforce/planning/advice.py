@@ -250,56 +250,53 @@ def improve(plan: Plan) -> list[Proposal]:
     return found
 
 
-def _changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
-    """Text of the change, why, and the changed scene."""
+# Text of a change, why, and the changed scene.
+_Change = tuple[str, str, Scene]
+
+
+def _changes(scene: Scene, plan: Plan) -> Iterator[_Change]:
+    """Changes that may make readings better."""
+    frame, preamble = scene.sounding.frame_length, scene.waveform().preamble_length
     if scene.packets is None:
-        yield from _guard_changes(scene)
+        if frame > preamble:
+            yield _changed(
+                scene,
+                f"no guard: {frame / preamble:.2f} times the preambles, in groups as long as now",
+                sounding={"frame_length": preamble},
+                phase_group={"snapshots": round(scene.phase_group.snapshots * frame / preamble)},
+            )
         yield from _length_changes(scene, plan)
     yield from _clock_changes(scene)
     if plan.reference_groups < _REFERENCE_GROUPS:
         reference_s = round(_REFERENCE_GROUPS * plan.group_period_s + 0.005, 2)
-        yield (
-            f"reference_s: {reference_s:g}",
-            "a longer untouched reference",
-            replace(scene, reference_s=reference_s),
-        )
+        longer = replace(scene, reference_s=reference_s)
+        yield f"reference_s: {reference_s:g}", "a longer untouched reference", longer
 
 
-def _guard_changes(scene: Scene) -> Iterator[tuple[str, str, Scene]]:
-    frame, preamble = scene.sounding.frame_length, scene.waveform().preamble_length
-    if frame <= preamble:
-        return
-    snapshots = round(scene.phase_group.snapshots * frame / preamble)
-    yield (
-        f"sounding.frame_length: {preamble}, phase_group.snapshots: {snapshots}",
-        f"no guard: {frame / preamble:.2f} times the preambles, in groups as long as now",
-        replace(
-            scene,
-            sounding=replace(scene.sounding, frame_length=preamble),
-            phase_group=replace(scene.phase_group, snapshots=snapshots),
-        ),
-    )
+def _changed(scene: Scene, reason: str, **sections: dict[str, int]) -> _Change:
+    """A scene with other keys of its sections."""
+    texts = [f"{name}.{key}: {own[key]}" for name, own in sections.items() for key in own]
+    better = {name: replace(getattr(scene, name), **own) for name, own in sections.items()}
+    return ", ".join(texts), reason, replace(scene, **better)
 
 
-def _length_changes(scene: Scene, plan: Plan) -> Iterator[tuple[str, str, Scene]]:
+def _length_changes(scene: Scene, plan: Plan) -> Iterator[_Change]:
     """Shorter groups follow presses; longer ones have less noise where nothing is fast."""
-    rises = [press.rise_s for press in scene.simulation.presses]
+    fastest_s = min((press.rise_s for press in scene.simulation.presses), default=np.inf)
     for period_s in _GROUP_LENGTHS_S:
         snapshots = round(period_s / plan.waveform.snapshot_period_s)
-        longer = snapshots > plan.group_length
-        blurred = rises and min(rises) < _GROUPS_PER_RISE * plan.group_period_s
-        fits = not rises or min(rises) >= _GROUPS_PER_RISE * period_s
-        if fits and (longer or (blurred and snapshots < plan.group_length)) and snapshots >= 32:
-            yield (
-                f"phase_group.snapshots: {snapshots}",
-                "less noise, and presses rise slowly enough"
-                if longer
-                else "follows the presses; averaged over groups while nothing changes",
-                replace(scene, phase_group=replace(scene.phase_group, snapshots=snapshots)),
-            )
+        if fastest_s < _GROUPS_PER_RISE * period_s or snapshots < 32:
+            continue
+        if snapshots > plan.group_length:
+            reason = "less noise, and presses rise slowly enough"
+        elif snapshots < plan.group_length and fastest_s < _GROUPS_PER_RISE * plan.group_period_s:
+            reason = "follows the presses; averaged over groups while nothing changes"
+        else:
+            continue
+        yield _changed(scene, reason, phase_group={"snapshots": snapshots})
 
 
-def _clock_changes(scene: Scene) -> Iterator[tuple[str, str, Scene]]:
+def _clock_changes(scene: Scene) -> Iterator[_Change]:
     """The clocks of `clocks_for`, where they are others."""
     clocks_hz, now_hz = _proposed_hz(scene), [sensor.clock_hz for sensor in scene.sensors]
     tags = [i for i, hz in enumerate(clocks_hz) if hz != now_hz[i]]

@@ -50,20 +50,20 @@ _LOWEST_SNR_DB = -33.0
 class ReceivedLevels:
     """What reaches the receiver.
 
-    ``noise``, ``quantisation`` and ``radio`` (around the first tag's line 1, that of synthesizers
-    times K) are variances in H over rho^2; ``tag_steps`` and ``noise_steps`` are in ADC steps.
+    ``noise``, that of the ADC's rounding included, and ``radio`` (around the first tag's line 1,
+    that of synthesizers times K) are variances in H over rho^2; ``tag_steps`` and ``noise_steps``
+    are in ADC steps.
     """
 
     noise: float
-    quantisation: float
-    radio: float
-    tag_steps: float
-    noise_steps: float
+    radio: float = 0.0
+    tag_steps: float = np.inf
+    noise_steps: float = np.inf
 
     @property
     def total(self) -> float:
         """Variance in H of all noise."""
-        return self.noise + self.quantisation + self.radio
+        return self.noise + self.radio
 
     @property
     def out_of_range(self) -> bool:
@@ -83,23 +83,18 @@ def receive_levels(scene: Scene) -> ReceivedLevels:
     noise = line**2 / 10 ** (simulation.snr_db / 10)
     if scene.packets is not None:
         # Channels are given; how their device rounds is part of what snr_db states.
-        return ReceivedLevels(noise, 0.0, 0.0, np.inf, np.inf)
+        return ReceivedLevels(noise)
     sample_std = np.sqrt(noise / waveform.channel_noise_gain / 2)
-    clutter = [simulation.static_clutter_db, simulation.moving_clutter_db]
+    static_db = simulation.static_clutter_db
+    clutter = [static_db, simulation.moving_clutter_db]
     amplitudes = [line * 10 ** (db / 20) for db in clutter if db is not None]
     amplitudes += [10 ** (tag.level_db / 20) for tag in simulation.tags]
     peak = sum(amplitudes) * float(np.abs(waveform.frame()).max()) + NOISE_PEAK * sample_std
     step = peak / PEAK / 2 ** ((simulation.adc_bits or 16) - 1)
-    quantisation = 2 * step**2 / 12 * waveform.channel_noise_gain
-    static_db = simulation.static_clutter_db
+    noise += 2 * step**2 / 12 * waveform.channel_noise_gain
     static = 0.0 if static_db is None else line**2 * 10 ** (static_db / 10)
-    return ReceivedLevels(
-        noise,
-        float(quantisation),
-        float(static * _radio_noise_share(scene)),
-        float(line / step),
-        float(sample_std / step),
-    )
+    radio = static * _radio_noise_share(scene)
+    return ReceivedLevels(float(noise), float(radio), line / step, float(sample_std / step))
 
 
 def _radio_noise_share(scene: Scene) -> float:
