@@ -156,7 +156,9 @@ class SessionMonitor:
             for event in describe_events(moved - self._moved, ignored - self._ignored):
                 log.warning(f"at {session.time_s:.1f} s: {event}")
             self._moved, self._ignored = moved, ignored
-        if session.alignment.searches >= _SEARCHES and not self._no_frames_reported:
+        search = session.alignment
+        missing = search.offset is None and search.searches >= _SEARCHES
+        if missing and not self._no_frames_reported:
             self._no_frames_reported = True
-            problem = session.alignment.problem()
+            problem = search.problem()
             log.warning(f"no sounding frames found: {problem}; check antennas and gains as well")

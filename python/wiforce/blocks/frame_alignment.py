@@ -48,7 +48,8 @@ class FrameSearch:
         self.tags: deque[Tag] = deque()
         self._timeline = Timeline(waveform.sample_rate_hz)
         self.items = 0
-        self._searched: Array | None = None  # in the last search without a result
+        # In the last search without a result; kept, as another thread may ask for the problem.
+        self._searched: Array | None = None
         self._held: deque[Array] = deque()
         self._held_start = self._held_count = 0
 
@@ -139,7 +140,7 @@ class FrameSearch:
         )
         if time is not None:
             self.tags.appendleft((first, _RX_TIME, time_value(*time)))
-        self.offset, self._searched = first, None
+        self.offset = first
 
     def _hold_from(self, item: int) -> None:
         """Discard the samples held, and hold those from an item on."""
