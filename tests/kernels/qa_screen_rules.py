@@ -4,6 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.wiforce_kernels import interference_screen
+from plain import normal
 
 LENGTH, SYMBOL = 125, 64
 NOISE = (0.11, 1.0)  # smallest and largest difference of noise
@@ -38,3 +39,31 @@ def marked(noise, others, tag=0.0):
 def test_screen_marks_differences_beyond_noise_and_tags(noise, others, tag, expected):
     """What is marked is lost; what is not is read as the tag."""
     assert marked(noise, others, tag) == expected
+
+
+@pytest.mark.parametrize(
+    ("length", "step", "last"), [(40, 0, 0), (125, 0, 0), (125, 0.05, 0), (40, 0, np.nan)]
+)
+def test_bursts_are_marked_where_they_are_and_edges_of_a_tag_are_not(length, step, last):
+    """Also in short groups, with noise below the converter's steps, and beside lost samples."""
+    rng, screen = np.random.default_rng(3), interference_screen(length, SYMBOL)
+    room, tag = 3 * normal(rng, SYMBOL), 0.1 * normal(rng, SYMBOL)
+    hit, found, apart = 0, 0, 0
+    for _ in range(12):
+        hits = np.append(rng.random(length - 1) < 0.05, False)
+        edges = np.arange(4) > rng.integers(0, 8, (length, 1))  # behind a repetition, or none
+        on = (np.arange(length)[:, None] // 3 % 2 > 0) ^ edges
+        x = room + on[..., None] * tag
+        x = x + np.where(hits, 0.1, 0.01)[:, None, None] * normal(rng, length, 4, SYMBOL)
+        if step:
+            x = step * np.round(x / step)
+        x[-1] += last
+        steps = np.diff(x.view(float), axis=1) ** 2
+        noise = np.stack([steps.min(axis=1).mean(axis=1), steps.max(axis=1).mean(axis=1)], axis=1)
+        marks = screen.examine(np.ones(length, bool), x.mean(axis=1), noise)
+        around = np.pad(hits, 1)
+        hit, found = hit + hits.sum(), found + (hits & marks).sum()
+        # An edge beside a burst may be a part of it.
+        apart += (marks & ~(around[:-2] | hits | around[2:])).sum()
+    assert hit > 15 and found >= hit - 1  # of the first group
+    assert apart == 0
