@@ -43,7 +43,8 @@ def fetch(url, path="", **headers):
 
 def test_page_address_refuses_what_is_no_address_and_port():
     unreachable = "224.0.0.1:80", "255.255.255.255:80", "[ff02::1]:80"
-    for text in ("", "0", "70000", "host.example:80", "1.2.3:80", "::80", "[]:80", *unreachable):
+    wrong = "", "0", "65536", "x", "1:2:3", "a b:", "host.example:80", "1.2.3:80", "::80", "[]:80"
+    for text in (*wrong, *unreachable):
         with pytest.raises(InputError, match="--web: must be PORT or ADDRESS:PORT"):
             PageAddress.of(text)
     with pytest.raises(

@@ -12,7 +12,6 @@ import pylsl
 import pytest
 import websockets.sync.client
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.network import host_and_port
 from gnuradio.wiforce.io.network.foxglove_server import FoxgloveServer
 from gnuradio.wiforce.io.network.lsl_outlets import CHANNELS, LslOutlets
 from gnuradio.wiforce.io.readings import Reading
@@ -67,12 +66,6 @@ def test_foxglove_client_that_sends_nonsense_prints_nothing(server, capfd, caplo
 def test_foxglove_port_in_use_is_refused(server):
     with pytest.raises(InputError, match="--foxglove: cannot be bound .*in use"):
         FoxgloveServer(str(server.port), ["arm"])
-
-
-@pytest.mark.parametrize("text", ["", "0", "65536", "x", "1:2:3", "host:8765", "a b:"])
-def test_foxglove_address_that_is_none_is_refused(text):
-    with pytest.raises(InputError, match=r"must be PORT or ADDRESS:PORT"):
-        host_and_port(text, "--foxglove")
 
 
 def test_lsl_samples_have_the_time_of_the_measurement():
