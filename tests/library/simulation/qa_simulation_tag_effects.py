@@ -1,12 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Simulated tags and sensors: clock and switches by the signal model, drift, hysteresis, a hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.scene.simulated import Tag
-from gnuradio.wiforce.sensor import load_sensor
+from gnuradio.wiforce.scene.effects import Beam
+from gnuradio.wiforce.scene.simulated import Press, Tag
 from gnuradio.wiforce.simulation.channel import AirChannel
+from gnuradio.wiforce.simulation.presses import shown_force
 from gnuradio.wiforce.simulation.random_sources import Seeds
 from gnuradio.wiforce.simulation.tag import (
     SWITCHES,
@@ -131,32 +134,20 @@ def test_drift_is_random_walk_of_both_ends():
     assert np.abs(reflection_change(1, 0.0, **drift)).max() < 0.2
 
 
-def shown(channel, time_s):
-    """Force for which the line's own model has the phases that are shown."""
-    forces = np.linspace(1, 8, 70_001)
-    model = load_sensor("line-900mhz")
-    phases = model.phases_deg(forces, 33.0)
-    state = channel.touch_state(np.atleast_1d(time_s))["arm"]
-    return [
-        forces[np.abs((phases - one + 180) % 360 - 180).sum(axis=1).argmin()]
-        for one in state.phases_deg
-    ]
+def test_beam_shows_more_force_while_unloading_and_creeps():
+    press = Press(sensor="arm", end_force_n=4.0, **PRESS)
+    found = shown_force(press, np.array([1.25, 2.0, 2.75]), Beam(hysteresis=0.1, creep=0.0))
+    assert found == pytest.approx([2, 4, 2 + 0.1 * 4])  # 2 N, 4 N, 2 N
+    held = replace(press, rise_s=0.0, hold_s=10.0)
+    beam = Beam(hysteresis=0.0, creep=0.1, creep_s=2.0)
+    found = shown_force(held, np.array([1.001, 3.0, 10.9]), beam)
+    assert found == pytest.approx(4 + 0.4 * (1 - np.exp([-5e-4, -1, -4.95])))
 
 
-def test_beam_hysteresis_shows_more_force_while_unloading():
+def test_truth_of_a_beam_is_the_force_that_is_applied():
     channel = channel_of(presses=[PRESS], beam={"hysteresis": 0.1, "creep": 0})
-    loading, holding, unloading = shown(channel, [1.25, 2.0, 2.75])  # 2 N, 4 N, 2 N
-    assert (loading, holding) == (pytest.approx(2, abs=2e-3), pytest.approx(4, abs=2e-3))
-    assert unloading == pytest.approx(2 + 0.1 * 4, abs=2e-3)
     force = channel.touch_state(np.array([1.25, 2.75]))["arm"].force_n
-    np.testing.assert_allclose(force, 2, atol=1e-9)  # the truth is what was applied
-
-
-def test_beam_creeps_with_stated_time_constant():
-    press = PRESS | {"rise_s": 0.0, "hold_s": 10.0}
-    channel = channel_of(presses=[press], beam={"hysteresis": 0, "creep": 0.1, "creep_s": 2.0})
-    got = shown(channel, [1.001, 3.0, 10.9])
-    np.testing.assert_allclose(got, 4 + 0.4 * (1 - np.exp([0, -1, -4.95])), atol=3e-3)
+    np.testing.assert_allclose(force, 2, atol=1e-9)
 
 
 def test_hand_adds_moving_path_while_it_presses_only():
