@@ -96,15 +96,15 @@ class LineControl:
     def __init__(self, console, device, descriptor, out):
         self._console, self._device, self._descriptor, self._out = console, device, descriptor, out
         self._rest = b""
-        device.watch(descriptor, self._read)
+        device.watched[descriptor] = self._read
 
     def _read(self):
         if _in_background(self._descriptor):
-            self._device.unwatch(self._descriptor)
+            del self._device.watched[self._descriptor]
             return
         data = os.read(self._descriptor, 65536)
         if not data:
-            self._device.unwatch(self._descriptor)
+            del self._device.watched[self._descriptor]
             if stat.S_ISFIFO(os.fstat(self._descriptor).st_mode):
                 self._device.stop()
             return

@@ -224,15 +224,8 @@ class Device:
         self._sent = deque(maxlen=_KEPT_STEPS)
         self._stop = False
         self._port_of = {sock.fileno(): port for port, sock in self._sockets.items()}
-        self._callbacks = {}
-
-    def watch(self, descriptor: int, callback: Callable[[], None]) -> None:
-        """Call ``callback()`` while a file descriptor is readable."""
-        self._callbacks[descriptor] = callback
-
-    def unwatch(self, descriptor: int) -> None:
-        """Undo `watch`."""
-        self._callbacks.pop(descriptor, None)
+        # By file descriptor, what to call while it is readable.
+        self.watched: dict[int, Callable[[], None]] = {}
 
     def add_fault(self, fault: Fault) -> None:
         """Schedule one more fault."""
@@ -252,10 +245,10 @@ class Device:
         """Serve until `stop`."""
         wait_s = 0.0
         while not self._stop:
-            ready, _, _ = select.select([*self._port_of, *self._callbacks], [], [], wait_s)
+            ready, _, _ = select.select([*self._port_of, *self.watched], [], [], wait_s)
             self._link.serve({self._port_of.get(descriptor) for descriptor in ready})
-            for descriptor in self._callbacks.keys() & set(ready):
-                self._callbacks[descriptor]()
+            for descriptor in self.watched.keys() & set(ready):
+                self.watched[descriptor]()
             wait_s = self._advance()
 
     def status(self) -> dict:

@@ -9,7 +9,7 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.blocks.usrp import require_rate, timed_frames
+from gnuradio.wiforce.blocks.usrp import timed_frames
 from gnuradio.wiforce.errors import InputError
 from live_runs import FRAMES, SLOW, scene_file, wait_until
 from software_usrp import SoftwareUsrp
@@ -84,13 +84,6 @@ def test_usrp_of_another_program_is_refused(scene, monkeypatch):
     monkeypatch.setattr(usrp_block, "DeviceLock", lock)
     with pytest.raises(InputError, match="^device: must name a device that is free, got 'addr=1'"):
         wiforce.usrp(scene, "addr=1")
-
-
-def test_usrp_rate_that_a_device_has_not_is_refused_with_the_nearest():
-    """The flowgraph ran on at another rate, after UHD's warnings."""
-    require_rate("scene: radio.sample_rate_hz", 2.5e6, 2.5e6)
-    with pytest.raises(InputError, match=r"supports \(nearest: 1298701.3 Hz\), got 1300000"):
-        require_rate("scene: radio.sample_rate_hz", 1298701.3, 1.3e6)
 
 
 def test_usrp_both_directions_start_at_one_time_in_every_run(running, device, scene):
