@@ -34,21 +34,21 @@ _NODES = 100_001
 
 @lru_cache(maxsize=8)
 def _profile(half: float) -> tuple[np.ndarray, np.ndarray]:
-    """Deflection of a beam on an elastic foundation, relative to that under the load, at u = kx.
+    """u = kx, and the deflection of a beam on an elastic foundation there, over minus the largest.
 
-    For a load spread evenly over -half..half, from 1 at u = 0 to the first minimum: the profile of
-    a point load averaged over it.
+    For a load spread evenly over -half..half: the profile of a point load averaged over it, rising
+    from -1 at u = 0 to the first extreme.
     """
     # Squared spacing: the profile is flat under the load.
     u = (half + np.pi) * np.linspace(0.0, 1.0, _NODES) ** 2
     if not half:
-        return u, np.exp(-u) * (np.cos(u) + np.sin(u))
+        return u, -np.exp(-u) * (np.cos(u) + np.sin(u))
 
     def integral(v: np.ndarray | float) -> np.ndarray:  # of a point's profile from 0 to v; odd
         return np.sign(v) * (1 - np.exp(-np.abs(v)) * np.cos(v))
 
-    spread = (integral(u + half) - integral(u - half)) / (2 * integral(half))
-    return u, np.minimum.accumulate(spread)
+    spread = (integral(u - half) - integral(u + half)) / (2 * integral(half))
+    return u, np.maximum.accumulate(spread)
 
 
 def _check_width(width_mm: float, scope: Scope) -> str | None:
@@ -98,7 +98,7 @@ class ContactLaw:
         )
         ratio = onset_force_n / np.maximum(force, onset_force_n)
         u, profile = _profile(self.width_mm / 2 / self.decay_length_mm)
-        half_width = self.decay_length_mm * np.interp(-ratio, -profile, u)
+        half_width = self.decay_length_mm * np.interp(-ratio, profile, u)
         from_middle = length_mm / 2 - location
         tilt = self.asymmetry * from_middle / np.hypot(from_middle, self.fade_mm)
         first = location - half_width * (1 + tilt)
