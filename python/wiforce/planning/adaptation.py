@@ -76,15 +76,11 @@ def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:
     """State what a survey expects of tags: lamps on their lines, SNR unless others are solved."""
     if survey is None:
         return plan
-    plan = plan.stating(in_lamps=_in_lamps(plan, survey))
-    return plan if plan.others else plan.stating(surveyed_snr_db=survey.snr_db)
-
-
-def _in_lamps(plan: Plan, survey: Survey) -> tuple[bool, ...]:
-    """Tags with strong lines that coincide with those of lamps."""
     lamps = [source for source in survey.sources if source.kind == "lamps"]
     met = [source.meets(plan.clocks_hz, plan.group_period_s) for source in lamps]
-    return tuple(np.any(met, axis=0).tolist()) if met else (False,) * len(plan.clocks_hz)
+    in_lamps = np.any(met, axis=0).tolist() if met else [False] * len(plan.clocks)
+    snr_db = () if plan.others else survey.snr_db
+    return plan.stating(in_lamps=tuple(in_lamps), surveyed_snr_db=snr_db)
 
 
 def readapted(current: Plan, plan: Plan, survey: Survey) -> Plan:

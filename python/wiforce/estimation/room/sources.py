@@ -180,33 +180,27 @@ def _present_hz(lines: Sequence[RoomLine], fundamental_hz: float) -> float:
 def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
     """The tag that explains most of the lines by its first harmonics."""
     rate_hz = 1 / spectrum.waveform.snapshot_period_s
-
-    def position(m: int, clock_hz: float) -> float:
-        return abs(aliased_hz(m * clock_hz, rate_hz))
+    lines_hz = np.array([line.frequency_hz for line in lines])
+    first = np.arange(1, _FIRST_LINES + 1)
 
     def harmonics_of(clock_hz: float) -> dict[int, RoomLine]:
-        found = {}
-        for m in range(1, _FIRST_LINES + 1):
-            apart = [abs(line.frequency_hz - position(m, clock_hz)) for line in lines]
-            nearest = int(np.argmin(apart))
-            if apart[nearest] <= tag_reach_hz(m, clock_hz):
-                found[m] = lines[nearest]
-        return found
-
-    def tag_reach_hz(m: int, clock_hz: float) -> float:
-        return _APART_HZ + m * (_TAG_STEPS * spectrum.step_hz + _TAG_SHARE * clock_hz)
+        seen_hz = np.abs(aliased_hz(first * clock_hz, rate_hz))
+        apart_hz = np.abs(np.subtract.outer(seen_hz, lines_hz))
+        reach_hz = _APART_HZ + first * (_TAG_STEPS * spectrum.step_hz + _TAG_SHARE * clock_hz)
+        near = np.flatnonzero(apart_hz.min(axis=1) <= reach_hz)
+        return {i + 1: lines[apart_hz[i].argmin()] for i in near.tolist()}
 
     best: dict[int, RoomLine] = {}
     clock_hz = 0.0
     for line in lines[:6]:
         for divisor in (1, 2):
             candidate_hz = line.frequency_hz / divisor
-            if candidate_hz < SLOWEST_TAG_HZ:
-                continue
-            if divisor == 2 and not spectrum.is_masked(candidate_hz):
+            # A line is the second one only where the first one is masked.
+            only_second = divisor == 2 and not spectrum.is_masked(candidate_hz)
+            if only_second or candidate_hz < SLOWEST_TAG_HZ:
                 continue
             found = harmonics_of(candidate_hz)
-            second = 2 in found or spectrum.is_masked(position(2, candidate_hz))
+            second = 2 in found or spectrum.is_masked(abs(aliased_hz(2 * candidate_hz, rate_hz)))
             enough = len(found) >= _LEAST_LINES and divisor in found and second
             if divisor == 2:  # otherwise the line that is there is the first
                 enough = enough and sum(m % 2 for m in found) >= _LEAST_ODD
@@ -220,10 +214,9 @@ def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
     envelope = line_envelope(np.arange(1, _MOST_HARMONICS), clock_hz, spectrum.waveform)
     power = envelope * (best[lowest].power / envelope[lowest - 1])
     explained, masked = set(best.values()), []
-    frequencies = np.array([line.frequency_hz for line in lines])
-    for m in np.flatnonzero(power > _NEGLIGIBLE * power[0]) + 1:
-        hertz = position(int(m), clock_hz)
-        near = np.flatnonzero(np.abs(frequencies - hertz) <= _reach_hz(m * clock_hz / 4))
+    for m in (np.flatnonzero(power > _NEGLIGIBLE * power[0]) + 1).tolist():
+        hertz = abs(aliased_hz(m * clock_hz, rate_hz))
+        near = np.flatnonzero(np.abs(lines_hz - hertz) <= _reach_hz(m * clock_hz / 4))
         # The lines of an unlisted tag may be stronger than ideal switches make them.
         weak = [lines[i] for i in near if lines[i].power < 30 * power[m - 1]]
         explained.update(weak)
