@@ -68,7 +68,6 @@ struct frame_noise {
  * repetitions differ by. They lie `width` apart.
  */
 struct fc32_samples {
-    using component = float;
     static constexpr int STEP = LANES;
 
     WIFORCE_INLINE void step(const float* x,
@@ -123,7 +122,6 @@ private:
 };
 
 struct sc16_samples {
-    using component = std::int16_t;
     static constexpr int STEP = 2 * LANES;
 
     static WIFORCE_INLINE short_lanes at(const std::int16_t* x)
