@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Calibration tables: phases of known presses, of a VNA, Touchstone files, taps or a model."""
 
-import csv
 import io
 import math
 import warnings
@@ -14,7 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..io.optional import optional_module
-from ..io.text.textfile import cell_number, read_bytes, read_csv, require_columns
+from ..io.text.textfile import cell_number, read_bytes, read_csv, require_columns, write_csv
 from ..sensor.model import SensorModel
 from ..signal.carrier import CARRIERS_HZ, same_carrier
 
@@ -275,23 +274,11 @@ def table_kind(path: str | Path) -> str:
 
 def write_vna_csv(table: CalibrationTable, path: str | Path) -> None:
     """Write a table as VNA calibration CSV."""
-    rows = zip(
-        table.frequency_hz / 1e6,
-        table.location_mm,
-        table.port,
-        table.force_n,
-        table.phase_deg,
-        strict=True,
-    )
-    try:
-        with open(path, "w", encoding="utf-8", newline="") as stream:
-            writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow(_VNA_COLUMNS)
-            for mhz, location, port, force, phase in rows:
-                place = "" if math.isnan(location) else f"{location:g}"
-                writer.writerow([f"{mhz:g}", place, port, f"{force:g}", f"{phase:.4f}"])
-    except OSError as error:
-        raise InputError(path, f"cannot be written ({error.strerror})") from error
+    import pandas as pd
+
+    mhz = table.frequency_hz / 1e6
+    columns = mhz, table.location_mm, table.port, table.force_n, table.phase_deg
+    write_csv(path, pd.DataFrame(dict(zip(_VNA_COLUMNS, columns, strict=True))))
 
 
 # Carrier in Hz, port and phase in degrees of what a line states.
