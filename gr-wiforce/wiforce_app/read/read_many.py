@@ -233,7 +233,6 @@ def read_capture_file(job):
 
 def _read(job):
     # In the process of a worker alone: the command, which sends jobs to it, starts faster without.
-    from gnuradio.wiforce.io.files import holds_metadata
     from gnuradio.wiforce.io.files.writers import open_writer
     from gnuradio.wiforce.planning.plan import plan
     from gnuradio.wiforce.scene import scene_of
@@ -252,9 +251,9 @@ def _read(job):
     warn_of_start(recording, reader, scene, differences, frame_offset)
     # Another worker may read the same capture, if this one is taken for lost.
     partial = Path(job.partial) / f"{uuid.uuid4().hex}{Path(job.output).suffix}"
-    metadata = provenance(scene) if holds_metadata(partial) else {}
     try:
         inputs = [*recording.files, *scene.files]
+        metadata = provenance(scene)
         with open_writer(partial, inputs, scene.more_columns, metadata=metadata) as writer:
             for batch in reader:
                 writer.write_all(batch)

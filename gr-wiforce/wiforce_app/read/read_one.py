@@ -3,7 +3,7 @@
 
 from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots
 from gnuradio.wiforce.io.capture.names import is_snapshots
-from gnuradio.wiforce.io.files import holds_metadata
+from gnuradio.wiforce.io.files import format_of
 from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.outputs import Outputs
 from gnuradio.wiforce.planning.plan import plan
@@ -73,7 +73,9 @@ class FileOutputs(Outputs):
 
 def _writers(output, mcap, inputs, scene):
     """The writers of the readings file and, where that is asked for, of an MCAP file."""
-    metadata = provenance(scene) if mcap is not None or holds_metadata(output) else {}
+    form = format_of(output)
+    described = mcap is not None or (form is not None and not form.text)
+    metadata = provenance(scene) if described else {}
     yield open_writer(output, inputs, scene.more_columns, metadata=metadata)
     if mcap is not None:
         from gnuradio.wiforce.io.files.mcap_file import McapWriter

@@ -35,12 +35,6 @@ def format_of(path: str | Path | None) -> Format | None:
     return next((each for each in FORMATS if name.endswith(each.suffix)), None)
 
 
-def holds_metadata(path: str | Path | None) -> bool:
-    """Whether a file of this name holds what is known of scene and sensors."""
-    form = format_of(path)
-    return form is not None and not form.text
-
-
 def suffixes(formats: Iterable[Format]) -> str:
     """Suffixes as a message lists them."""
     *others, last = [each.suffix for each in formats]

@@ -65,13 +65,13 @@ class LslOutlets(Output):
         self._pylsl = optional_module("pylsl", "--lsl")
         if not network:
             self._pylsl.set_config_content(_THIS_MACHINE)
-        kinds: dict[str, tuple[tuple[str, str, str], ...]]
-        kinds = {sensor: CHANNELS for sensor in sensors}
-        kinds |= {surface: CHANNELS + SURFACE_CHANNELS for surface in surfaces}
-        self._channels = kinds
+        self._channels: dict[str, tuple[tuple[str, str, str], ...]] = {
+            **dict.fromkeys(sensors, CHANNELS),
+            **dict.fromkeys(surfaces, CHANNELS + SURFACE_CHANNELS),
+        }
         self._outlets = {
             name: self._outlet(name, period_s, details or {}, channels)
-            for name, channels in kinds.items()
+            for name, channels in self._channels.items()
         }
 
     def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
