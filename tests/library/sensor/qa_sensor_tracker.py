@@ -136,8 +136,5 @@ def test_settings_that_cannot_be_are_refused(model):
         model.tracker(1.0).update([1.0, 2.0, 3.0], 0.1)
     with pytest.raises(InputError, match="std_deg"):
         model.tracker(1.0).update([1.0, 2.0], -0.1)
-
-
-def test_no_reading_is_no_press_to_smooth(model):
     with pytest.raises(InputError, match="phases_deg: must hold a reading"):
         model.tracker(PERIOD_S).smooth(np.empty((0, 2)), 1.0)
