@@ -47,7 +47,7 @@ _BATCH = 64  # groups of the paper's method
 # The cause that the file of a scene of the paper itself holds, in ``simulation.tags``.
 OWN = "clock jitter"
 # Of the stored results; those of another one are computed again.
-_FORMAT = 7
+_FORMAT = 8
 
 
 class _PaperOrScenes(click.Group):
@@ -121,23 +121,17 @@ def scenes(scenes, folder, jobs, fresh):
 def run(task):
     """Simulate, read and score a scene, with a capture in a folder that is deleted; for JSON.
 
-    Per sensor: errors, of the paper's method with and without the clock's offset as well, and those
-    of the plan; ``causes``: errors with each disturbance that explains a
-    published figure. Phase errors compare changes with the mean reflection of a group; calibration
-    errors and changes within it are part of the others only.
+    ``causes``: rows of the first sensor with each disturbance that explains a published figure.
+    Phase errors compare changes with the mean reflection of a group; calibration errors and changes
+    within it are part of the others only.
     """
     scene_name, folder = task
     scene = load_scene(scene_name)
-    sensors, forces = _read(scene, folder)
-    causes = {}
+    rows, causes = _read(scene, folder), {}
     for cause, change in other_causes(scene_name).items():
-        causes[cause] = _caused(_read(with_cause(scene, change), folder)[0][0])
-    return {
-        "scene": str(scene_name),
-        "sensors": sensors,
-        "sum": forces,
-        "causes": {OWN: _caused(sensors[0]), **causes} if causes else {},
-    }
+        causes[cause] = _read(with_cause(scene, change), folder)[:3]
+    causes = {OWN: rows[:3], **causes} if causes else {}
+    return {"scene": str(scene_name), "rows": rows, "causes": causes}
 
 
 @contextmanager
@@ -150,32 +144,40 @@ def simulated(scene, folder):
 
 
 def _read(scene, folder):
-    """Results of every sensor of a scene, and the error of their forces' sum."""
-    readings = []
+    """Rows of each sensor: our errors, the paper's with and without the clock's offset, the plan's.
+
+    The last one is of the forces' sum, where there are several sensors.
+    """
+    readings, rows = [], []
     with simulated(scene, folder) as (recording, truth):
         read_capture(recording, scene, readings.append)
         changes = paper_changes(recording, scene)
-    sensors = []
     for i, (sensor, expected) in enumerate(zip(scene.sensors, expect(plan(scene)), strict=True)):
         own = score(readings, truth, sensor.name)
-        methods = {"ours": pooled_summary([own])}
+        ours = pooled_summary([own])
+        flagged = f"{own.flagged} of {ours.get('read', 0)}"
+        rows.append({"sensor": sensor.name, "method": "ours", **ours, "flagged": flagged})
         for method, detrend in (("paper", False), (CORRECTED, True)):
-            methods[method] = paper_errors(scene, i, changes, truth, detrend)
-        sensors.append(
-            {
-                "sensor": sensor.name,
-                "methods": methods,
-                "flagged": own.flagged,
-                "bound_rms_deg": float(np.sqrt(np.mean(np.square(expected.phase_std_deg)))),
-                "radio_noise": scene.simulation.radio_noise is not None,
-                "expected": {
-                    "phase_deg": expected.phase_error_deg,
-                    "force_n": expected.force_error_n,
-                    "location_mm": expected.location_error_mm,
-                },
-            }
-        )
-    return sensors, _sum_of_forces(scene, readings, truth)
+            rows.append({"method": method, **paper_errors(scene, i, changes, truth, detrend)})
+        rows.append(_expected(scene, expected))
+    if len(scene.sensors) > 1 and (force_n := _sum_of_forces(scene, readings, truth)) is not None:
+        rows.append({"sensor": "sum", "method": "ours", "force_n": force_n})
+    return rows
+
+
+def _expected(scene, expected):
+    """The row of a sensor's expected errors, with the bound for the phase's rms."""
+    if expected.phase_error_deg is None:
+        return {"method": "expected: not readable"}
+    bound_deg = np.sqrt(np.mean(np.square(expected.phase_std_deg)))
+    least = "bound" if scene.simulation.radio_noise is None else "at most"
+    return {
+        "method": "expected over the span",
+        "phase_deg": float(np.mean(expected.phase_error_deg)),
+        "phase_rms_deg": f"{bound_deg:.3g} ({least})",
+        "force_n": expected.force_error_n,
+        "location_mm": expected.location_error_mm,
+    }
 
 
 def other_causes(name):
@@ -188,17 +190,6 @@ def with_cause(scene, change):
     content = scene.as_dict()
     content["simulation"] |= {"tags": [], **change}
     return load_scene(content)
-
-
-def _caused(sensor):
-    """Errors by which causes are compared, of a sensor's results."""
-    kept = ("phase_rms_deg", "force_n", "location_mm")
-    errors = {
-        name: {key: sensor["methods"][method].get(key) for key in kept}
-        for name, method in (("ours", "ours"), ("paper", CORRECTED))
-    }
-    read = sensor["methods"]["ours"].get("read", 0)
-    return {**errors, "flagged": sensor["flagged"], "read": read}
 
 
 def expected_truth(scene):
@@ -222,10 +213,8 @@ def expected_truth(scene):
 
 
 def _sum_of_forces(scene, readings, truth):
-    """Median error of the sum of all forces while all sensors are touched; None for one."""
+    """Median error of the sum of all forces while all sensors are touched; None without."""
     names = scene.sensor_names
-    if len(names) < 2:
-        return None
     known = {(round(row["time_s"], 4), row["sensor"]): row["force_n"] for row in truth}
     by_time = {}
     for reading in readings:
@@ -343,7 +332,6 @@ def _figure_text(value):
     return value if isinstance(value, str) else f"{value:.3g}"
 
 
-_METHODS = ("ours", "paper", CORRECTED)
 _ERRORS = (
     Column("force (N)", "force_n", _figure_text),
     Column("90 %", "force_n_90", _figure_text),
@@ -375,36 +363,14 @@ def error_table(results, figures):
     rows = []
     for result in results:
         name = Path(result["scene"]).stem
-        figure = figures.get(name, {})
-        for sensor in result["sensors"]:
-            ours, *others = ({"method": m, **sensor["methods"][m]} for m in _METHODS)
-            ours |= {
-                "scene": name,
-                "sensor": sensor["sensor"],
-                "flagged": f"{sensor['flagged']} of {ours.get('read', 0)}",
-                "published": figure.get("text"),
-            }
-            if result["causes"]:
-                ours["phase_rms_deg"] = _ranges(result["causes"])["phase_rms_deg"]
-            rows += [ours, *others, _expected(sensor)]
-        if result["sum"] is not None:
-            claim = f"{figure['sum_n']:g} N" if "sum_n" in figure else ""
-            summed = {"method": "ours", "force_n": result["sum"], "published": claim}
-            rows.append({"scene": name, "sensor": "sum", **summed})
+        for row in result["rows"]:
+            more = {}
+            if "sensor" in row:
+                more = {"scene": name, "published": figures.get(name, {}).get("text")}
+            if "flagged" in row and result["causes"]:
+                more["phase_rms_deg"] = _ranges(result["causes"])["phase_rms_deg"]
+            rows.append(row | more)
     return table(rows, _COLUMNS)
-
-
-def _expected(sensor):
-    expected = sensor["expected"]
-    if expected["phase_deg"] is None:
-        return {"method": "expected: not readable"}
-    least = "at most" if sensor["radio_noise"] else "bound"
-    return {
-        **expected,
-        "method": "expected over the span",
-        "phase_deg": np.mean(expected["phase_deg"]),
-        "phase_rms_deg": f"{_figure_text(sensor['bound_rms_deg'])} ({least})",
-    }
 
 
 def cause_table(results, figures):
@@ -420,11 +386,9 @@ def cause_table(results, figures):
         bar = figure.get("error_bar")
         ends = [figure[key]] if bar is None else [figure[key] - bar, figure[key] + bar]
         first = {"scene": name, "published": f"{' to '.join(map(_figure_text, ends))} {unit}"}
-        for cause, found in causes.items():
-            papers = f"{_figure_text(found['paper'][key])} {unit}"
-            flagged = f"{found['flagged']} of {found['read']}"
-            own = {"cause": cause, "papers": papers, "flagged": flagged}
-            rows.append({**first, **own, **found["ours"]})
+        for cause, (ours, _, corrected) in causes.items():
+            papers = f"{_figure_text(corrected.get(key))} {unit}"
+            rows.append({**ours, **first, "cause": cause, "papers": papers})
             first = {}
         rows.append({"cause": "range of ours", **_ranges(causes)})
     return table(rows, _CAUSES) if rows else ""
@@ -434,7 +398,7 @@ def _ranges(causes):
     """Least and largest of our errors over the causes, as texts."""
     ranges = {}
     for key in ("phase_rms_deg", "force_n", "location_mm"):
-        ours = [found["ours"][key] for found in causes.values()]
+        ours = [rows[0].get(key) for rows in causes.values()]
         values = [value for value in ours if value is not None]
         ranges[key] = f"{min(values):.3g} to {max(values):.3g}" if values else ""
     return ranges
