@@ -287,10 +287,14 @@ def test_what_limits_the_errors_is_counted_and_named(snr_db, off_std, environmen
     sensor["off_reflection"] = [[0.3, 0.0], [-0.3, 0.0]]
     sensor["off_reflection_std"] = off_std
     scene = scene_of([sensor], simulation={"snr_db": snr_db}, environment=environment)
-    (found,) = expect(plan(scene))
+    settings, exact = plan(scene), plan(scene_of([sensor | {"off_reflection_std": 0}]))
+    (found,), (best,) = expect(settings), expect(exact)
     assert found.limited_by == limit and ", limited by the " in str(found)
-    (best,) = expect(plan(scene_of([sensor | {"off_reflection_std": 0}])))
     assert limit == "calibration" or found.force_error_n > 1.5 * best.force_error_n
+    wrong_n, right_n = (
+        error_map(p, 0, np.r_[4.0], np.r_[40.0])[0, 0, 0] for p in (settings, exact)
+    )
+    assert limit != "off states" or wrong_n > 1.5 * right_n
 
 
 def test_share_of_the_span_that_is_flagged_is_stated():
