@@ -8,14 +8,17 @@ import re
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 
 import click
 import pytest
 from command_runs import refused, run_command
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.io.readings import Reading
 from long_cases import cases
 from wiforce_app import blas_settings
 from wiforce_app import main as app
+from wiforce_app.shell.plots import plot_readings
 
 
 def run_process(*arguments, **options):
@@ -122,7 +125,7 @@ def test_list_shows_shipped_names_with_a_description():
             "--scene: must have no packets: a radio gives samples",
         ),
         (["read", "demo", "paper_900"], "demo: is a scene and not a capture; give it by --scene"),
-        (["bench", "speed", "--megabytes", "99999999999"], "both recordings must fit on the disk"),
+        (["bench", "speed", "--megabytes", "99999999999"], "both files must fit on the disk"),
     ],
 )
 def test_command_bad_usage_gives_one_line_and_status_2(tmp_path, arguments, message):
@@ -172,22 +175,17 @@ def test_command_broken_pipe_that_is_not_standard_output_is_named(raising, capsy
     assert "Broken pipe" in capsys.readouterr().err
 
 
-def test_command_full_standard_output_is_named():
-    with open("/dev/full", "w") as full:
-        done = subprocess.run(
-            ["gr-wiforce", "list"], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60
-        )
-    message = "gr-wiforce: standard output: No space left on device\n"
-    assert (done.returncode, done.stderr) == (1, message)
-
-
-def test_command_closed_standard_output_is_an_error():
-    """Otherwise the next opened file would get its descriptor, and the output."""
-    done = run_process("list", preexec_fn=lambda: os.close(1))
-    assert (done.returncode, done.stderr) == (
-        1,
-        "gr-wiforce: standard output: Bad file descriptor\n",
-    )
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda: os.dup2(os.open("/dev/full", os.O_WRONLY), 1), "No space left on device"),
+        # Otherwise the next opened file would get its descriptor, and the output.
+        (lambda: os.close(1), "Bad file descriptor"),
+    ],
+)
+def test_command_standard_output_that_takes_nothing_is_named(change, problem):
+    done = run_process("list", preexec_fn=change)
+    assert (done.returncode, done.stderr) == (1, f"gr-wiforce: standard output: {problem}\n")
 
 
 def test_progress_in_pipe_is_silent_on_terminal_is_drawn():
@@ -205,10 +203,18 @@ def test_progress_in_pipe_is_silent_on_terminal_is_drawn():
     assert b"working" in drawn and b"100%" in drawn
 
 
-def test_plot_of_readings_without_values_gives_no_warning(tmp_path):
-    from gnuradio.wiforce.io.readings import Reading
-    from wiforce_app.shell.plots import plot_readings
+def test_plot_crosses_flagged_readings_without_a_wider_axis(tmp_path, monkeypatch):
+    """One absurd reading must not flatten all others, nor look as reliable as they do."""
+    from matplotlib.figure import Figure
 
+    saved = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *args, **options: saved.append(figure))
+    clear = Reading(0.2, "arm", 1, 4.0, 0.1, 40.0, 0.5)
+    absurd = replace(clear, time_s=0.3, force_n=40.0, location_mm=75.0, flags=("weak",))
+    plot_readings([clear, absurd, replace(clear, time_s=0.4)], tmp_path / "out.png")
+    for axis, largest in zip(saved[0].axes[:2], (6.0, 45.0), strict=True):
+        (crosses,) = [line for line in axis.get_lines() if line.get_label().startswith("flagged")]
+        assert crosses.get_xdata().tolist() == [0.3] and axis.get_ylim()[1] < largest
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         plot_readings([Reading(0.1, "arm"), Reading(0.2, "arm")], tmp_path / "out.png")

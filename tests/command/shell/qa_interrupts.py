@@ -63,12 +63,6 @@ def test_closed_terminal_ends_a_command_once_as_sigterm_does():
     assert first.rows == 1 and first.closed
 
 
-def test_command_under_nohup_outlives_its_terminal():
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    interrupt_by_exception()
-    os.kill(os.getpid(), signal.SIGHUP)
-
-
 def test_interruption_does_not_hide_that_a_file_is_full():
     full = Rows(signal.SIGINT, failure=OutputError("out.csv", "disk full"))
     second = Rows()
@@ -103,9 +97,10 @@ def test_interruption_while_the_command_is_loaded_ends_it_in_one_line(tmp_path):
     assert (done.returncode, done.stderr) == (130, "gr-wiforce: interrupted\n")
 
 
-def test_ignored_interruption_stays_ignored():
-    """A shell lets its background commands ignore Ctrl-C."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
+def test_ignored_interruption_stays_ignored(number):
+    """A shell lets its background commands ignore Ctrl-C, and nohup the end of the terminal."""
+    signal.signal(number, signal.SIG_IGN)
     interrupt_by_exception()
-    os.kill(os.getpid(), signal.SIGINT)
-    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    os.kill(os.getpid(), number)
+    assert signal.getsignal(number) is signal.SIG_IGN
