@@ -139,6 +139,7 @@ SCENE = {
     "sounding": {"frame_length": 400},
     "phase_group": {"snapshots": 125},
     "sensors": [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 300}],
+    "reference_s": 0.2,
     "simulation": {"truth_model": "line-900mhz", "duration_s": 0.4, "snr_db": 20},
 }
 
@@ -149,15 +150,18 @@ def capture(tmp_path):
     return tmp_path / "press"
 
 
-def test_check_capture_whole_file_is_verified(capture):
+def test_check_capture_whole_file_is_verified_and_its_tag_measured(capture):
     done = run_command("check", capture, "--json")
     found = json.loads(done.stdout)
     (file,) = found["files"]
     assert file["checksum"] == "verified" and file["samples"] == 500_000
     assert file["seconds"] == pytest.approx(0.4) and file["gaps"] == 0
     assert found["first_frame"] == 0 and found["levels"]["peak_dbfs"] == pytest.approx(-3, abs=1)
-    assert found["warnings"] == []
-    assert "checksum   verified" in run_command("check", capture).stdout
+    (tag,) = found["sensors"]
+    assert tag["name"] == "arm" and abs(tag["clock_offset_ppm"]) < 100
+    assert max(tag["phase_error_deg"]) < 1.0 and found["warnings"] == []
+    text = run_command("check", capture).stdout
+    assert "checksum   verified" in text and "ready to be read; only `read` can tell" in text
 
 
 @pytest.mark.parametrize("damage", ["changed", "cut"])
@@ -204,25 +208,13 @@ def test_check_capture_states_levels_of_extreme_and_damaged_floats(capture):
     assert "raw.cf32: holds no whole frame of finite samples" in said
 
 
-def test_check_capture_with_a_tag_says_how_well_it_is_seen(tmp_path):
-    scene = {**SCENE, "reference_s": 0.2}
-    wiforce.simulate(wiforce.load_scene(scene), tmp_path / "press")
-    found, text = checked(tmp_path / "press")
-    (tag,) = found["sensors"]
-    assert tag["name"] == "arm" and abs(tag["clock_offset_ppm"]) < 100
-    assert max(tag["phase_error_deg"]) < 1.0
-    assert "none, ready to be read; only `read` can tell" in text
-
-
-def test_check_with_a_wrong_clock_names_the_one_on_the_air(tmp_path):
+def test_check_with_a_wrong_clock_names_the_one_on_the_air(capture, tmp_path):
     """It asked whether the tag was on, whose clock a survey of the same samples showed."""
-    wiforce.simulate(wiforce.load_scene({**SCENE, "reference_s": 0.2}), tmp_path / "press")
 
     def advice(clock_hz):
         sensors = [{**SCENE["sensors"][0], "clock_hz": clock_hz}]
-        other = {**SCENE, "reference_s": 0.2, "sensors": sensors}
-        (tmp_path / "other.yaml").write_text(yaml.safe_dump(other))
-        found, _ = check_file(tmp_path / "press", tmp_path / "other.yaml", None, None)
+        (tmp_path / "other.yaml").write_text(yaml.safe_dump({**SCENE, "sensors": sensors}))
+        found, _ = check_file(capture, tmp_path / "other.yaml", None, None)
         return " ".join(found["advice"])
 
     assert advice(340).startswith("arm: no tag detected at 340 Hz: on the air is a clock of 300.")
@@ -231,7 +223,7 @@ def test_check_with_a_wrong_clock_names_the_one_on_the_air(tmp_path):
     assert advice(301).startswith(found) and " ppm from the clock_hz of arm" in advice(301)
     assert "a tag is found at 300 Hz, 2 times the clock_hz of arm; check clock_hz" in advice(150)
     advice(340)
-    done = run_command("read", tmp_path / "press", "--scene", tmp_path / "other.yaml")
+    done = run_command("read", capture, "--scene", tmp_path / "other.yaml")
     assert "does not list: is it the scene of what is received?" in done.stderr
 
 

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 from gnuradio.wiforce.blocks.usrp import first_gain_db
-from gnuradio.wiforce.planning.findings import Finding, MeasuredTag
+from gnuradio.wiforce.planning.findings import MeasuredTag
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
 from live_runs import FRAMES, GAINS, command
@@ -33,36 +33,25 @@ def test_check_measures_levels_delay_and_clock(slow_scene, slow_device):
     assert found["room"] == []  # a quiet one
 
 
-def test_check_of_a_level_far_too_low_asks_for_more():
-    levels = {"peak_dbfs": -60.0, "clipped": 0.0, "dc_dbfs": -90.0}
-    (advice,) = advice_on(Findings("a device", {}, levels), load_scene("demo"))
-    assert "raise --tx-gain, then --rx-gain" in advice
+ARM = [MeasuredTag("arm", 1.0)]
 
 
-def test_check_timing_shift_is_part_of_advice(slow_scene):
-    levels = {"peak_dbfs": -6.0, "clipped": 0.0, "dc_dbfs": -90.0}
-    findings = Findings("a device", {}, levels, frames_moved=2, sensors=[MeasuredTag("arm", 1.0)])
-    (advice,) = advice_on(findings, load_scene(slow_scene))
-    assert "frame timing shifted 2 times" in advice
-
-
-def test_check_without_a_tag_at_its_clock_names_the_one_on_the_air(slow_scene):
-    levels = {"peak_dbfs": -6.0, "clipped": 0.0, "dc_dbfs": -90.0}
-    room = [Finding("tag", 400.016, 0.0, "a tag", "solved for", True)]
-    findings = Findings("a device", {}, levels, sensors=[MeasuredTag("arm")], room=room)
-    (advice,) = advice_on(findings, load_scene(slow_scene))
-    assert ": on the air is a clock of 400.016 Hz, which the scene does not list" in advice
-    findings = Findings("a device", {}, levels, sensors=[MeasuredTag("arm")], room=[])
-    (advice,) = advice_on(findings, load_scene(slow_scene))
-    assert "no tag detected at 400 Hz: none is within clock_tolerance_ppm (100) of it" in advice
-
-
-@pytest.mark.parametrize("clipped, step", [(1e-4, "6 dB"), (0.45, "17 dB"), (1.0, "36 dB or more")])
-def test_check_clipped_samples_ask_for_a_step_that_ends_it(clipped, step):
-    """Steps of 6 dB took seven runs; the offset of clipped samples is not the device's."""
-    levels = {"peak_dbfs": 0.0, "clipped": clipped, "dc_dbfs": -3.0}
-    (advice,) = advice_on(Findings("a device", {}, levels), load_scene("demo"))
-    assert f"lower --rx-gain, then --tx-gain, by {step} in total" in advice
+@pytest.mark.parametrize(
+    ("peak_dbfs", "clipped", "found", "words"),
+    [
+        (-60.0, 0.0, {}, "raise --tx-gain, then --rx-gain"),
+        # Steps of 6 dB took seven runs; the offset of clipped samples is not the device's.
+        (0.0, 1e-4, {}, "lower --rx-gain, then --tx-gain, by 6 dB in total"),
+        (0.0, 0.45, {}, "lower --rx-gain, then --tx-gain, by 17 dB in total"),
+        (0.0, 1.0, {}, "lower --rx-gain, then --tx-gain, by 36 dB or more in total"),
+        (-6.0, 0.0, {"frames_moved": 2, "sensors": ARM}, "frame timing shifted 2 times"),
+        (-6.0, 0.0, {"sensors": [MeasuredTag("arm")]}, "none is within clock_tolerance_ppm (100)"),
+    ],
+)
+def test_check_advises_on_level_timing_and_tag(peak_dbfs, clipped, found, words):
+    levels = {"peak_dbfs": peak_dbfs, "clipped": clipped, "dc_dbfs": -3.0 if clipped else -90.0}
+    (advice,) = advice_on(Findings("a device", {}, levels, **found), load_scene("demo"))
+    assert words in advice
 
 
 def test_first_gains_of_a_b210_are_those_of_the_page():

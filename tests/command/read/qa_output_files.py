@@ -19,10 +19,8 @@ from gnuradio.wiforce.io.files.mcap_file import McapWriter, mcap_rows
 from gnuradio.wiforce.io.files.output_file import OutputFile
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
 from gnuradio.wiforce.io.files.writers import ParquetWriter, open_writer
-from gnuradio.wiforce.io.network.lsl_outlets import CHANNELS
 from gnuradio.wiforce.io.outputs import Outputs
 from gnuradio.wiforce.io.readings import Reading
-from gnuradio.wiforce.io.ros_messages import topics_of
 from mcap.reader import make_reader
 from pyarrow import parquet
 from ros_clients import bag_messages
@@ -317,8 +315,3 @@ def test_examples_run_on_a_press(tmp_path, monkeypatch, capsys):
     error_n, reference_s, *forces = capsys.readouterr().out.split("max")[1].splitlines()[1:]
     assert float(error_n) < 0.2 and float(reference_s) > 0 and len(forces) > 50
     assert len(names["both"]) == len(names["clear"]) == len(forces)
-
-
-def test_page_names_topics_channels_and_packages():
-    named = [*topics_of(["SENSOR"]), *(name for name, *_ in CHANNELS), "mcap-ros2-support"]
-    assert [name for name in named if f"`{name}`" not in PAGE] == []

@@ -79,9 +79,11 @@ def test_read_parquet_and_mcap_hold_the_rows_of_csv_and_their_scene(capture, tmp
     assert described[b"wiforce:version"]
 
 
-def test_read_output_that_is_the_scene_or_a_raw_capture_is_refused(capture, tmp_path):
-    scene = tmp_path / "scene.csv"
+def test_output_that_is_the_scene_or_a_raw_capture_is_refused(capture, tmp_path):
+    scene = tmp_path / "press.truth.csv"
     scene.write_text(yaml.safe_dump(SCENE))
+    assert "is an input" in refused("simulate", scene, tmp_path / "press", "--force")
+    assert [path.name for path in tmp_path.iterdir()] == [scene.name]
     said = refused("read", capture, "--scene", scene, "-o", scene)
     assert f"{scene}: cannot be written (is an input)" in said
     raw = tmp_path / "raw.csv"
@@ -117,13 +119,6 @@ def test_command_output_that_is_an_input_is_refused(capture, tmp_path, arguments
     said = refused(*arguments, f"link{ending}", cwd=tmp_path)
     assert "is the same file as the input" in said
     assert (tmp_path / target).read_bytes() == before
-
-
-def test_simulate_output_that_is_its_scene_is_refused(tmp_path):
-    scene = tmp_path / "press.truth.csv"
-    scene.write_text(yaml.safe_dump(SCENE))
-    assert "is an input" in refused("simulate", scene, tmp_path / "press", "--force")
-    assert [path.name for path in tmp_path.iterdir()] == ["press.truth.csv"]
 
 
 @pytest.mark.parametrize(
