@@ -61,6 +61,18 @@ def test_ratio_equals_the_weighted_conjugate_product_over_the_reference():
             assert results.in_reference[g, end] == (g < 3)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("noise", [0.0, 1e-320, np.inf, np.nan])
+def test_average_of_a_group_without_noise_or_finite_noise_has_no_phase_and_no_warning(noise):
+    """A warning of NumPy would be printed for every such group."""
+    group = group_of(0, 1.0, [1.0, 1.0], noise).having(
+        changes=np.ones((1, 2, K), complex),
+        reference_gain=np.ones((1, 2)),
+        reference_power=np.ones((1, 2)),
+    )
+    assert np.all(np.isinf(SubcarrierAverage().process(group).phase_std_deg))
+
+
 def test_reference_discarded_group_is_not_replaced_by_a_later_one():
     """Else each would bias every reading by a part of the touch, here 90 / 4 deg."""
     channel = normal(np.random.default_rng(12), 2, K)

@@ -340,11 +340,12 @@ class SubcarrierAverage:
         """Replace ``changes`` by ``ratios`` and ``phase_std_deg``, infinite without reference."""
         if not len(groups):
             return groups
-        weights = 1 / groups.noise
-        precision = weights.sum(axis=1, keepdims=True)
-        ratios = np.einsum("gek,gk->ge", groups.changes, weights) / precision
-        energy = groups.reference_power * precision
-        with np.errstate(divide="ignore", invalid="ignore"):
+        # Noise of a group that is not finite, or none, leaves no ratio.
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            weights = 1 / groups.noise
+            precision = weights.sum(axis=1, keepdims=True)
+            ratios = np.einsum("gek,gk->ge", groups.changes, weights) / precision
+            energy = groups.reference_power * precision
             rise = 1 + groups.reference_gain * (weights.shape[1] / energy)
             # Half of the noise lies along the phase.
             std = np.degrees(np.sqrt(groups.gain * rise / energy / 2)) / np.abs(ratios)
