@@ -48,7 +48,7 @@ class FrameSearch:
         self.tags: deque[Tag] = deque()
         self._timeline = Timeline(waveform.sample_rate_hz)
         self.items = 0
-        # In the last search without a result; kept, as another thread may ask for the problem.
+        # The first ones of the last search without a result: another thread may ask for the problem.
         self._searched: Array | None = None
         self._held: deque[Array] = deque()
         self._held_start = self._held_count = 0
@@ -97,7 +97,7 @@ class FrameSearch:
         found = find_frame_offset(samples, self._waveform)
         if found is None:
             self.searches += 1
-            self._searched = samples
+            self._searched = samples[: samples_needed(self._waveform.frame_length)].copy()
             self._hold_from(self._held_start + self._held_count)
             return
         self._begin(found)
