@@ -48,7 +48,7 @@ class FrameSearch:
         self.tags: deque[Tag] = deque()
         self._timeline = Timeline(waveform.sample_rate_hz)
         self.items = 0
-        # The first ones of the last search without a result: another thread may ask for the problem.
+        # First ones of the last search without a result: another thread may ask for the problem.
         self._searched: Array | None = None
         self._held: deque[Array] = deque()
         self._held_start = self._held_count = 0

@@ -55,8 +55,8 @@ class CaptureReader:
         if groups < needed:
             rule = (
                 f"must hold {needed} phase groups or more ({needed * plan.group_period_s:.3g} s) "
-                "from its first frame on: the untouched reference, and one to read; `check` says "
-                "whether the file is complete"
+                "from its first frame or packet on: the untouched reference, and one to read; "
+                "`check` says whether the file is complete"
             )
             raise InputError(path, rule, max(0, groups))
         self.groups = groups  # whole ones that the capture spans

@@ -242,7 +242,7 @@ def test_scenes_and_files_of_different_kinds_are_refused(tmp_path):
         said = refused("read", "a.npz", "--scene", "wifi_packets", *option, cwd=tmp_path)
         assert "not for channel snapshots" in said
     said = refused("read", "a.npz", "--scene", "wifi_packets", cwd=tmp_path)
-    assert "phase groups or more" in said
+    assert "phase groups or more" in said and "first frame or packet on" in said
     said = refused("emulate", "wifi_packets", cwd=tmp_path)
     assert "another device measures the channel" in said
 
