@@ -148,6 +148,18 @@ def test_scene_air_transmit_gain_scales_signal_receive_gain_noise_too(scene):
     assert levels[-100, 5] < levels[-100, 15] - 3
 
 
+@pytest.mark.parametrize("spacing, carrier_hz", [(10, 900e6), (8, 905e6)])
+def test_scene_air_at_another_rate_or_carrier_gives_noise_only(scene, spacing, carrier_hz):
+    """A host with wrong settings would read a sensor that does not exist there."""
+    levels = []
+    for hertz, amplitude in ((900e6, 0), (carrier_hz, 1)):
+        device = Connectors(scene)
+        device.front_end.tx_carrier_hz = hertz
+        device.send(amplitude * frames(scene, 20), spacing)
+        levels.append(rms(device.receive(7200, spacing=spacing)))
+    assert levels[1] == pytest.approx(levels[0], rel=0.05) and levels[0] > 0
+
+
 def test_scene_air_faults_act_on_the_named_sensor(scene):
     device = Connectors(scene)
     device.receive(1)

@@ -151,6 +151,9 @@ def test_frames_say_once_that_the_device_is_lost(monkeypatch):
         if answers.pop(0):
             raise RuntimeError("no response packet")
 
-    timed_frames(lambda: (0, 0.0), ask, np.zeros((4, 2), np.int16), 1e3)._watch()
+    frames = timed_frames(lambda: (0, 0.0), ask, np.zeros((4, 2), np.int16), 1e3, watches=True)
+    frames.start()
+    wait_until(lambda: statuses)
+    frames.stop()
     ((sentence, left),) = said
     assert "the device is lost" in sentence and left == 0 and statuses == [1]
