@@ -31,28 +31,22 @@ BAD = {
     "missing": ({"time_s": np.arange(100.0)}, "missing: channel, subcarrier_hz"),
     "falling": (changed("time_s", 50, 0.0), r"time_s\[50\]: must not lie before"),
     "nan time": (changed("time_s", 7, np.nan), r"time_s\[7\]: must be finite, got nan"),
-    "infinite time": (changed("time_s", 99, np.inf), r"time_s\[99\]: must be finite"),
     "late": (changed("time_s", 99, 1e300), r"time_s\[99\]: must lie at most 3600 s"),
     "standing": (arrays_of() | {"time_s": np.ones(100)}, "time_s: must not be the same"),
     "few packets": (arrays_of(63), "time_s: must hold 64 packets or more, got 63"),
     "few subcarriers": (arrays_of(subcarriers=3), "subcarrier_hz: must hold 4 to 4096"),
     "no antenna": (arrays_of(antennas=0), "channel: must have 1 to 16 antennas, got 0"),
-    "antennas": (arrays_of(antennas=17), "channel: must have 1 to 16 antennas, got 17"),
     "times": (arrays_of() | {"time_s": np.arange(99.0)}, "as many packets as time_s"),
     "hertz": (arrays_of() | {"subcarrier_hz": np.arange(7.0)}, "as many subcarriers as"),
-    "same hertz": (changed("subcarrier_hz", 1, 0.0), "subcarrier_hz: must differ"),
     "nan hertz": (changed("subcarrier_hz", 1, np.nan), r"subcarrier_hz\[1\]: must be a number"),
     "real": (arrays_of() | {"channel": np.ones((100, 8))}, "channel: must be complex"),
     "magnitudes": (
         arrays_of() | {"channel": np.abs(arrays_of()["channel"]).astype(complex)},
         "channel: must hold phases, but all imaginary parts are 0",
     ),
-    "flat": (arrays_of() | {"channel": np.ones(100, complex)}, "channel: must be complex"),
     "text": (arrays_of() | {"time_s": np.array(["a"] * 100)}, "time_s: must be one real"),
     "silent": (arrays_of() | {"channel": np.zeros((100, 8, 2), complex)}, "64 packets or more"),
-    "carrier": (arrays_of() | {"center_frequency_hz": -1.0}, "center_frequency_hz: must be"),
     "scene": (arrays_of() | {"scene": "{"}, "scene: is not JSON"),
-    "scene type": (arrays_of() | {"scene": 3.0}, "scene: must be a text"),
 }
 
 

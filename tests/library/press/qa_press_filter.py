@@ -86,14 +86,6 @@ def test_press_and_release_are_recognized_in_their_groups():
         assert state_of(found, group) == (state, pytest.approx(1, abs=0.01)), group
 
 
-def test_half_a_group_of_press_is_a_mixture():
-    phases = phases_of(PRESS)
-    turn = np.exp(1j * np.radians(PRESS))
-    rows = rows_of(phases)
-    rows["phase"][60], rows["amplitude"][60] = np.angle((1 + turn) / 2), np.log(abs((1 + turn) / 2))
-    assert state_of(explained(rows), 60)[0] == MIXED
-
-
 def test_phases_of_no_press_are_unexplained():
     found = explained(rows_of(phases_of((150.0, 150.0))))
     assert state_of(found, 100) == (UNEXPLAINED, pytest.approx(1, abs=0.01))
@@ -116,18 +108,6 @@ def test_average_is_the_recursion_over_groups_of_a_state():
         here = found[found["row"] == group]
         np.testing.assert_allclose(np.degrees(np.angle(ratios_of(here)[0])), mean, atol=1e-9)
         np.testing.assert_allclose(here["mean"]["variance"][0], variance, rtol=1e-9)
-
-
-def test_average_has_the_noise_of_the_time_that_is_stated():
-    """Five groups in 36 ms: a fifth of the variance."""
-    found = explained(rows_of(phases_of(0, 3000, 0, 0)), smoothing_s=SMOOTHING_S)
-    first, _ = likeliest(found, 3000)
-    means = np.degrees(np.angle(ratios_of(found[first[100:]])))
-    # 2900 values, correlated over five: the variance is known to 6 %.
-    assert means.var() == pytest.approx(NOISE_DEG**2 / 5, rel=0.15)
-    assert np.degrees(np.sqrt(found["mean"]["variance"][first[-1], 0])) == pytest.approx(
-        NOISE_DEG / 5**0.5
-    )
 
 
 def test_average_begins_anew_with_a_press_and_follows_a_slow_one():
@@ -437,13 +417,3 @@ def test_ends_whose_amplitudes_drift_apart_are_untouched(apart_np, noise_deg):
     found = explained(rows, filter_for(off, 0.036))
     untouched = probability(found, found["is"] == UNTOUCHED, count)
     assert untouched[30:-1].min() > 0.99
-
-
-def test_first_group_has_none_before_it():
-    press_filter = filter_for()
-    assert not len(press_filter.take(rows_of(np.zeros((1, 2)))))
-
-
-def test_unknown_parameter_is_refused():
-    with pytest.raises(ValueError, match="noise"):
-        filter_for(noise=1.0)

@@ -34,11 +34,6 @@ def rejection(scene):
     return str(error.value)
 
 
-def test_scene_name_that_is_too_long_is_bad_input():
-    """A program that takes the name from a user would end with the system's error."""
-    assert rejection("a" * 5000).startswith("scene: must be a .yaml file or a shipped scene")
-
-
 def test_scene_where_nothing_moves_refuses_moving_clutter():
     """A level without any Doppler would be ignored without a word."""
     still = changed("environment.moving_clutter_hz", 0)
@@ -60,22 +55,6 @@ def test_scene_of_packets_refuses_effects_on_samples():
     scene["radio"] = {"center_frequency_hz": 2.44e9}
     said = rejection(scene)
     assert "simulation.carrier_offset_hz: is not simulated for packets; leave it out" in said
-
-
-def test_scene_with_sensors_only_gets_documented_defaults():
-    scene = load_scene(MINIMAL)
-    assert (scene.radio.center_frequency_hz, scene.radio.sample_rate_hz) == (900e6, 12.5e6)
-    assert (scene.sounding.waveform, scene.sounding.frame_length) == ("repeated", 720)
-    assert scene.group_period_s == pytest.approx(0.036, rel=1e-12)
-    (sensor,), (tag,) = scene.sensors, scene.simulation.tags
-    assert (sensor.clock_hz, sensor.clock_tolerance_ppm) == (1000, 100)
-    assert sensor.off_reflection == (0, 0)
-    assert scene.environment.moving_clutter_hz is None
-    assert (scene.environment.reader_clock, scene.reference_s) == ("shared", 0.5)
-    simulation = scene.simulation
-    assert (simulation.duration_s, simulation.seed, simulation.snr_db) == (3.0, 1, 10)
-    assert (simulation.static_clutter_db, simulation.moving_clutter_db) == (60, None)
-    assert (tag.truth_model, tag.clock_offset_ppm) == ("wiforce-900mhz", 40)
 
 
 def test_keys_of_a_file_are_read_and_completed(tmp_path):
@@ -133,11 +112,6 @@ def test_off_states_that_differ_are_exact_only_where_the_scene_says_so(off, stat
     assert load_scene(scene.as_dict()).sensors == scene.sensors
 
 
-@pytest.mark.parametrize("typed", ["900e6", "900000000", " 9.0E8 "])
-def test_number_typed_as_text_is_read_as_number(typed):
-    assert load_scene(changed("radio.center_frequency_hz", typed)).radio.center_frequency_hz == 9e8
-
-
 @pytest.mark.parametrize("typed", ["", "nan", ".inf", "1_000", "0x10", "1e999", True, None, [1]])
 def test_as_number_of_anything_else_is_none(typed):
     assert as_number(typed) is None
@@ -146,23 +120,11 @@ def test_as_number_of_anything_else_is_none(typed):
 @pytest.mark.parametrize(
     "dotted, value, expected",
     [
-        ("radios", {}, "radios: is not a known key"),
         ("simulation.presses.0.force", 3, "simulation.presses[0].force: is not a known key"),
         ("radio", [1], "radio: must be a mapping"),
-        ("radio.sample_rate_hz", "fast", "radio.sample_rate_hz: must be a number"),
         ("radio.sample_rate_hz", float("nan"), "radio.sample_rate_hz: must be a number"),
-        ("sounding.waveform", "chirps", "or a path that ends in .npy, got 'chirps'"),
-        ("sounding.frame_length", 319, "sounding.frame_length: must be an integer >= 320"),
-        ("phase_group.snapshots", 3, "phase_group.snapshots: must be an integer from 32"),
-        ("sensors", [], "sensors: must be a list of 1 to 16"),
         ("sensors", None, "sensors: is missing"),
-        ("sensors", {"name": "arm"}, "sensors: must be a list"),
-        ("sensors.0.name", "a\nb", "sensors[0].name: must be printable text"),
-        ("sensors.0.model", None, "sensors[0].model: is missing"),
-        ("sensors.0.clock_hz", 0, "sensors[0].clock_hz: must be a number above 0"),
         ("sensors.0.clock_hz", 2171, "4 x clock_hz must lie below half the snapshot rate"),
-        ("sensors.0.off_reflection", [1.0, 0.0], "off_reflection: must be a pair [re, im]"),
-        ("sensors.0.off_reflection", [[0, 0], [0, 0], [0, 0]], "off_reflection: must be a pair"),
         ("environment.moving_clutter_hz", 1200, "above environment.moving_clutter_hz (1200)"),
         ("environment.receive_antennas", 2, "must be 1 when reader_clock is 'shared', got 2"),
         ("environment.reader_clock", "own", "must be 'shared' or 'free', got 'own'"),
@@ -172,25 +134,16 @@ def test_as_number_of_anything_else_is_none(typed):
         ("radio.center_frequency_hz", 2.4e9, "center_frequency_hz: model wiforce-900mhz: carrier"),
         ("simulation.duration_s", 0.03, "must hold at least one phase group (0.036 s)"),
         ("simulation.adc_bits", 17, "simulation.adc_bits: must be an integer from 2 to 16"),
-        (
-            "simulation.carrier_offset_hz",
-            100,
-            "must be 0 when environment.reader_clock is",
-        ),
+        ("simulation.carrier_offset_hz", 100, "must be 0 when environment.reader_clock is"),
         ("simulation.phase_noise_hz", 1, "must be 0 when environment.reader_clock is"),
         ("simulation.presses.0.sensor", "leg", "presses[0].sensor: must be the name of a sensor"),
         ("simulation.presses.0.location_mm", 80.1, "must lie on the line, 0 to 80 mm, got 80.1"),
-        ("simulation.presses.0.hold_s", None, "presses[0].hold_s: is missing"),
         ("simulation.presses.0.start_s", 0.2, "must not begin before reference_s (0.5 s)"),
         ("simulation.presses.0.start_s", 3.0, "must begin before simulation.duration_s (3)"),
         ("simulation.presses", [PRESS, PRESS], "must not overlap another press of sensor 'arm'"),
         ("simulation.tags", [{"sensor": "leg"}], "tags[0].sensor: must be the name of a sensor"),
         ("simulation.tags", [{}, {}], "tags[1].sensor: must not have two entries"),
-        (
-            "simulation.tags",
-            [{"truth_model": "leg"}],
-            "simulation.tags[arm].truth_model: must be a",
-        ),
+        ("simulation.tags", [{"truth_model": "leg"}], "tags[arm].truth_model: must be a"),
     ],
 )
 def test_scene_with_wrong_value_names_key_and_rule(dotted, value, expected):
@@ -203,19 +156,12 @@ def test_duration_absent_with_long_groups_is_one_group():
     assert load_scene(scene).simulation.duration_s == pytest.approx(3.6)
 
 
-@pytest.mark.parametrize(
-    "dotted, expected",
-    [
-        ("sensors.0.clok_hz", "clok_hz: is not a known key, did you mean 'clock_hz'? (known: name"),
-        ("radio.sample_rate", "is not a known key, did you mean 'sample_rate_hz'? (known: center"),
-        ("weather", "scene: weather: is not a known key (known: radio, sounding"),
-    ],
-)
-def test_scene_with_unknown_key_suggests_the_nearest_one(dotted, expected):
+def test_scene_with_unknown_key_suggests_the_nearest_one():
     """A typo is reported before any key that it leaves missing."""
-    scene = changed(dotted, 1)
+    scene = changed("sensors.0.clok_hz", 1)
     scene["sensors"][0].pop("model")
-    assert expected in rejection(scene)
+    said = rejection(scene)
+    assert "clok_hz: is not a known key, did you mean 'clock_hz'? (known: name" in said
 
 
 def test_tags_not_listed_get_the_defaults_of_the_simulation():
@@ -246,11 +192,6 @@ def sensors(*clocks_hz):
             for i, clock in enumerate(clocks_hz)
         ]
     }
-
-
-@pytest.mark.parametrize("second_hz", [1400, 1790, 1200, 1250])
-def test_clocks_with_distinct_lines_are_accepted(second_hz):
-    load_scene(sensors(1000, second_hz))
 
 
 @pytest.mark.parametrize("clocks_hz", [(1000, 1000), (1000, 1010), (1000, 2000), (400, 1600)])
@@ -293,6 +234,7 @@ def test_file_that_is_no_plain_mapping_is_rejected_in_one_line(tmp_path, text, e
 
 
 def test_file_missing_binary_or_huge_is_rejected(tmp_path):
+    assert rejection("a" * 5000).startswith("scene: must be a .yaml file or a shipped scene")
     assert "cannot be read (No such file" in rejection(tmp_path / "none.yaml")
     assert "cannot be read (Is a directory)" in rejection(tmp_path)
     binary = tmp_path / "binary.yaml"

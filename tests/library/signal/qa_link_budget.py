@@ -79,44 +79,28 @@ def test_levels_of_a_scene_follow_from_its_link():
     assert (stated.snr_db, stated.static_clutter_db) == (3.0, found.static_clutter_db)
 
 
-def test_a_scene_with_a_link_reads_back_equal():
-    scene = load_scene("phantom")
-    again = load_scene(scene.as_dict())
-    assert again.simulation == scene.simulation
-
-
-@pytest.mark.parametrize(
-    ("layer", "message"),
-    [
-        ({"material": "other", "thickness_mm": 5}, "permittivity: must be given for material"),
-        (
-            {"material": "fat", "thickness_mm": 5, "conductivity_s_m": 1},
-            "conductivity_s_m: must be given for material 'other', and for no other",
-        ),
-        ({"material": "bone", "thickness_mm": 5}, "material: must be 'muscle' or 'fat' or"),
-    ],
-)
-def test_layers_that_are_not_described_are_refused(layer, message):
-    with pytest.raises(InputError, match=f"layers.0..{message}"):
-        scene_with({"transmitter_m": 1, "receiver_m": 1, "layers": [layer]})
-
-
 @pytest.mark.parametrize(
     ("link", "message"),
     [
         ({"antennas_m": 2.8}, "antennas_m: must be 1.3 to 2.7 m, with the tag .*, got 2.8"),
         ({"antennas_m": 1.2}, "antennas_m: must be 1.3 to 2.7 m"),
-        ({"antennas_m": 0}, "antennas_m: must be a number from 0.05"),
-        ({"receiver_m": -2}, "receiver_m: must be a number from 0.05"),
         ({"receiver_m": 0.01}, "receiver_m: must be a number from 0.05"),
         (
             {"layers": [{"material": "fat", "thickness_mm": 400}] * 2},
             r"layers: must be thinner together \(800 mm\) than .* away \(700 mm\)",
         ),
         ({"layers": [{"material": "fat", "thickness_mm": 0}]}, "thickness_mm: must be .* above 0"),
+        (
+            {"layers": [{"material": "other", "thickness_mm": 5}]},
+            "permittivity: must be given for material",
+        ),
+        (
+            {"layers": [{"material": "fat", "thickness_mm": 5, "conductivity_s_m": 1}]},
+            "conductivity_s_m: must be given for material 'other', and for no other",
+        ),
     ],
 )
-def test_impossible_geometry_is_refused(link, message):
+def test_impossible_geometry_and_layers_are_refused(link, message):
     with pytest.raises(InputError, match=f"simulation.link.{message}|layers.0..{message}"):
         scene_with({"transmitter_m": 0.7, "receiver_m": 2.0} | link)
 
