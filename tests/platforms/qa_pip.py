@@ -141,21 +141,24 @@ def test_features_of_gnuradio_without_it_are_refused_in_one_line(installed, libr
         assert re.fullmatch(f"gr-wiforce: {name}: {rule}", line)
 
 
-def test_library_of_pip_is_found_beside_gnuradio(installed, tmp_path):
-    """A namespace package is hidden by a regular one, unless that one searches for it."""
+@pytest.fixture
+def beside(tmp_path):
+    """GNU Radio as its package installs it, in the test's folder; the other folders."""
     import gnuradio.gr
 
-    radio = Path(gnuradio.gr.__file__).parent.parent
-    # GNU Radio as its package installs it, in a folder that comes before or after ours.
-    link_all(radio, tmp_path / "gnuradio", ("wiforce",))
-    others = [path for path in sys.path if "-packages" in path]
+    link_all(Path(gnuradio.gr.__file__).parent.parent, tmp_path / "gnuradio", ("wiforce",))
+    return [path for path in sys.path if "-packages" in path]
+
+
+def test_library_of_pip_is_found_beside_gnuradio(installed, tmp_path, beside):
+    """A namespace package is hidden by a regular one, unless that one searches for it."""
     code = (
         "from gnuradio import gr, wiforce; import gnuradio, pathlib\n"
         "wiforce.load_scene, gr.top_block()\n"
         "print(gnuradio.__file__)\nprint(pathlib.Path(wiforce.__file__).parent)"
     )
     for folders in ([installed, tmp_path], [tmp_path, installed]):
-        done = run_python(code, *folders, *others)
+        done = run_python(code, *folders, *beside)
         assert done.returncode == 0, done.stderr
         assert done.stdout.splitlines() == [
             str(tmp_path / "gnuradio" / "__init__.py"),
@@ -163,17 +166,12 @@ def test_library_of_pip_is_found_beside_gnuradio(installed, tmp_path):
         ]
 
 
-def test_command_of_pip_uses_its_own_library(installed, tmp_path):
+def test_command_of_pip_uses_its_own_library(installed, tmp_path, beside):
     """Another release of the library may be in the folder of GNU Radio, which is searched first."""
-    import gnuradio.gr
-
-    radio = Path(gnuradio.gr.__file__).parent.parent
-    link_all(radio, tmp_path / "gnuradio", ("wiforce",))
     (tmp_path / "gnuradio" / "wiforce").mkdir()
     (tmp_path / "gnuradio" / "wiforce" / "__init__.py").write_text("release = 'other'\n")
-    others = [path for path in sys.path if "-packages" in path]
     code = "import wiforce_app.main; from gnuradio import wiforce; print(wiforce.__file__)"
-    done = run_python(code, tmp_path, installed, *others)
+    done = run_python(code, tmp_path, installed, *beside)
     assert done.stdout.strip() == str(installed / "gnuradio" / "wiforce" / "__init__.py")
 
 

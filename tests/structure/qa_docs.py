@@ -23,41 +23,42 @@ def loaded(name):
     return module_of(ROOT / "docs" / f"{name}.py")
 
 
-@pytest.fixture(scope="module")
-def maker():
-    return loaded("make_block_pages")
-
-
-def test_block_pages_match_descriptions_and_docstrings(maker):
+def generated():
+    """Each generated file with its text, by the program that writes them."""
     # In a process of its own, because imports of other tests must not change the pages.
-    done = subprocess.run(
-        [sys.executable, "-c", "import json, make_block_pages as m; print(json.dumps(m.pages()))"],
-        cwd=ROOT / "docs",
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    expected = json.loads(done.stdout)
-    assert {p.name for p in maker.PAGES.glob("*.md")} == set(expected)
-    for name, text in expected.items():
-        hint = "run: build/run python3 docs/make_block_pages.py"
-        assert (maker.PAGES / name).read_text(encoding="utf-8") == text, hint
+    script = "import json, make_block_pages as m; print(json.dumps(m.pages()))"
+    command, docs = [sys.executable, "-c", script], ROOT / "docs"
+    done = subprocess.run(command, cwd=docs, stdout=subprocess.PIPE, check=True, timeout=60)
+    pages = json.loads(done.stdout)
+    yield "block_pages", {loaded("make_block_pages").PAGES / name: pages[name] for name in pages}
+    maker = loaded("make_reference")
+    yield "reference", {maker.PAGES / name: text for name, text in maker.pages().items()}
+    maker = loaded("make_man_page")
+    yield "man_page", {maker.PAGE: maker.page()}
+    for name in ("architecture", "setup", "tag"):
+        drawings = loaded(f"make_{name}_drawings").drawings()
+        yield f"{name}_drawings", {docs / "images" / file: drawings[file] for file in drawings}
 
 
-def test_block_parameters_shared_with_grc_are_documented(maker):
+def test_generated_files_are_those_of_their_programs(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    for program, files in generated():
+        hint = f"run: build/run python3 docs/make_{program}.py"
+        for path, text in files.items():
+            assert path.read_text(encoding="utf-8") == text, hint
+        if program in ("block_pages", "reference"):
+            assert set(path.parent.glob("*.md")) == set(files), hint
+
+
+def test_block_parameters_shared_with_grc_are_documented():
     """A single model in force_inversion and output files exist in GRC only."""
+    maker = loaded("make_block_pages")
     own = {"model", "more_models", "output", "mode", "gui_hint", "file", "sliders"}
     for description in maker.descriptions():
         _, known = maker.source_text(maker.name_of(description))
         for parameter in description.get("parameters", []):
             if parameter["id"] not in own:
                 assert known.get(parameter["id"]), (description["id"], parameter["id"])
-
-
-def test_man_page_matches_command_help():
-    maker = loaded("make_man_page")
-    hint = "run: build/run python3 docs/make_man_page.py"
-    assert maker.PAGE.read_text(encoding="utf-8") == maker.page(), hint
 
 
 @pytest.mark.parametrize(
@@ -76,15 +77,6 @@ def test_shell_completes_subcommands_scenes_and_sensors(typed, expected, monkeyp
     done = run_command()
     assert done.stdout.strip() == expected
     assert done.stderr == ""  # it would appear on the line that is typed
-
-
-def test_reference_matches_declarations_scenes_and_help():
-    maker = loaded("make_reference")
-    hint = "run: build/run python3 docs/make_reference.py"
-    expected = maker.pages()
-    assert {p.name for p in maker.PAGES.glob("*.md")} == set(expected)
-    for name, text in expected.items():
-        assert (maker.PAGES / name).read_text(encoding="utf-8") == text, hint
 
 
 def code_blocks(page, language):
@@ -106,11 +98,14 @@ LINKED += [
 
 
 @pytest.fixture(scope="module")
-def press(tmp_path_factory):
-    """The folder in which README's lines have run up to its first lines of Python."""
+def press(tmp_path_factory, demo):
+    """A folder as README's lines leave it up to its first lines of Python."""
     folder = tmp_path_factory.mktemp("readme")
-    for line in readme_commands("simulate", "read"):
-        succeeded(*line, cwd=folder)
+    simulate, read = readme_commands("simulate", "read")
+    assert simulate == ["simulate", "demo", "press"]  # what the demo has simulated already
+    for name in ("press.sigmf-meta", "press.sigmf-data", "sensor.yaml"):
+        (folder / name).symlink_to(demo[0] / name.replace("press", "demo"))
+    succeeded(*read, cwd=folder)
     return folder
 
 
@@ -221,15 +216,6 @@ def test_python_of_all_pages_is_valid():
             compile(block, page.name, "exec")
 
 
-@pytest.mark.parametrize("name", ["architecture", "setup", "tag"])
-def test_drawings_are_those_of_their_program(name, monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "docs")
-    maker = loaded(f"make_{name}_drawings")
-    for file, text in maker.drawings().items():
-        hint = f"run: build/run python3 docs/make_{name}_drawings.py"
-        assert (ROOT / "docs" / "images" / file).read_text(encoding="utf-8") == text, hint
-
-
 def test_architecture_is_drawn_with_the_layers_of_the_package(monkeypatch):
     from qa_layers import LAYERS
 
@@ -294,6 +280,7 @@ def test_readme_accuracy_is_what_its_command_prints(tmp_path):
 def test_page_of_many_captures_prints_a_median_for_each(press, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "captures").mkdir()
+    (tmp_path / "captures/sensor.yaml").symlink_to(press / "sensor.yaml")
     for name in ("a", "b"):
         for suffix in ("sigmf-meta", "sigmf-data"):
             (tmp_path / f"captures/{name}.{suffix}").symlink_to(press / f"press.{suffix}")
@@ -303,33 +290,28 @@ def test_page_of_many_captures_prints_a_median_for_each(press, tmp_path, monkeyp
     assert len(medians) == 2 and all(1 < float(median) < 8 for median in medians)
 
 
-def test_waveform_page_scene_is_planned_with_its_symbol(tmp_path, monkeypatch):
-    """The page showed a section of a scene only, which `plan` refused."""
+def test_pages_hold_whole_scenes(tmp_path, monkeypatch):
+    """Of a waveform, a first capture, packets, a surface and the tutorial; sections are refused."""
     from gnuradio import wiforce
 
     monkeypatch.chdir(tmp_path)
     exec(code_blocks("radios.md", "python")[0], {})
-    (tmp_path / "scene.yaml").write_text(code_blocks("radios.md", "yaml")[1])
+    pages = {name: code_blocks(f"{name}.md", "yaml") for name in ("radios", "wifi", "tutorial")}
+    (tmp_path / "scene.yaml").write_text(pages["radios"][1])
     settings = wiforce.plan("scene.yaml")
     assert settings.waveform.symbol_length == 128 and settings.scene.simulation.presses
-
-
-def test_pages_hold_whole_scenes(tmp_path):
-    """Of a first capture, of packets and of a surface."""
-    from gnuradio import wiforce
-
-    plan = wiforce.plan(yaml.safe_load(code_blocks("radios.md", "yaml")[-1]))
-    assert [sensor.name for sensor in plan.sensors] == ["arm"]
-    (tmp_path / "wifi.yaml").write_text(code_blocks("wifi.md", "yaml")[0])
-    assert wiforce.load_scene(tmp_path / "wifi.yaml").simulation.snr_db == -12
+    for text, name in ((pages["radios"][-1], "arm"), (pages["tutorial"][0], "finger")):
+        assert [sensor.name for sensor in wiforce.plan(yaml.safe_load(text)).sensors] == [name]
+    (tmp_path / "wifi.yaml").write_text(pages["wifi"][0])
+    assert wiforce.load_scene("wifi.yaml").simulation.snr_db == -12
     line, strips, presses = code_blocks("sensors.md", "yaml")[:3]
     (tmp_path / "line.yaml").write_text(line)
-    assert wiforce.load_sensor(tmp_path / "line.yaml").kind == "line"
+    assert wiforce.load_sensor("line.yaml").kind == "line"
     for name in ("low.yaml", "high.yaml"):
         strips = strips.replace(name, "line-900mhz-calibrated")
     bare = "".join(line for line in strips.splitlines(True) if "spreading_file" not in line)
     (tmp_path / "skin.yaml").write_text(bare + presses)
-    scene = wiforce.load_scene(tmp_path / "skin.yaml")
+    scene = wiforce.load_scene("skin.yaml")
     assert len(scene.surface.strips) == len(scene.simulation.surface_presses) == 2
 
 
@@ -375,13 +357,6 @@ def test_lines_of_design_on_their_page_are_those_of_the_command():
     printed = run_command("design", "--clock-hz", "1035").stdout
     shown = re.findall(r"^(?:line|impedance|matched|carrier|firmware)  .*\n", page, re.MULTILINE)
     assert "".join(shown) == printed
-
-
-def test_tutorial_scene_is_valid():
-    from gnuradio.wiforce.scene import load_scene
-
-    (scene,) = code_blocks("tutorial.md", "yaml")
-    assert list(load_scene(yaml.safe_load(scene)).sensor_names) == ["finger"]
 
 
 def test_walkthrough_examples_give_output_shown(tmp_path, monkeypatch, numbers_without_types):

@@ -97,12 +97,9 @@ def test_package_imports_point_downward(imports):
     assert upward == []
 
 
-def test_package_imports_have_no_cycle(imports):
+def test_imports_have_no_cycle(imports):
     # Raises CycleError, which lists the modules of a cycle.
     TopologicalSorter(imports).prepare()
-
-
-def test_command_imports_have_no_cycle():
     TopologicalSorter(own_imports(modules_of(APPLICATION / "wiforce_app"))).prepare()
 
 
