@@ -49,6 +49,8 @@ def test_noise_and_a_dc_offset_are_not_taken_for_a_preamble(name, length):
     waveform = sounding_waveform(name, length)
     noise = rng.normal(size=(length * 500, 2)).view(complex)[:, 0]
     assert find_frame_offset(noise, waveform) is None
+    for value in (0.0, np.nan, np.inf):
+        assert find_frame_offset(np.full(10 * length, value, complex), waveform) is None
     assert find_frame_offset(noise + 3, waveform) is None
     assert find_frame_offset(stream(waveform, 100) + 3, waveform) is not None
 
@@ -77,11 +79,6 @@ def test_no_period_is_found_in_less_than_a_frame_and_a_half(name, length):
     sent = np.tile(waveform.frame(), 2)
     for count in range(0, 3 * length // 2, 10):
         assert find_frame_period(sent[:count], waveform).samples is None, count
-
-
-@pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
-def test_dead_air_and_broken_samples_have_no_offset(value):
-    assert find_frame_offset(np.full(7200, value, complex), sounding_waveform()) is None
 
 
 def test_a_delay_inside_the_dropped_repetition_needs_no_new_alignment():
@@ -179,7 +176,7 @@ def scene_of(symbol, length, clock_hz=1040.0):
     }
 
 
-@pytest.mark.parametrize("length, seed", [(17, 1), (19, 3), (23, 1)])
+@pytest.mark.parametrize("length, seed", [(17, 1), (23, 1)])
 def test_frames_without_a_guard_are_read(length, seed, tmp_path):
     """Half of the captures were refused, as if they held no frames."""
     scene = scene_of(symbol_file(tmp_path, length, seed), length)

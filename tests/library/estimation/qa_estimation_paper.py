@@ -3,7 +3,6 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.estimators import RatioUnfolder, estimator_named
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.signal.weights import design_weights
@@ -78,8 +77,3 @@ def test_unfolder_square_root_stays_on_the_side_of_the_previous_group():
     unfolded = RatioUnfolder("square").process(squares)
     assert unfolded.ratios == pytest.approx(np.sqrt(0.8) * np.exp(1j * turns))
     assert np.all(unfolded.phase_std_deg == 1.5)
-
-
-def test_estimator_with_unknown_name_is_refused():
-    with pytest.raises(InputError, match="estimator: must be one of harmonic, sideband, paper"):
-        estimator_named("music")

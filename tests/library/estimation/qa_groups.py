@@ -13,27 +13,6 @@ def batch(first, count, **arrays):
     return Groups(index, tones, **arrays)
 
 
-@pytest.mark.parametrize(
-    "rows, expected",
-    [
-        (slice(1, 3), [11, 12]),
-        (slice(-1, None), [13]),
-        (slice(0, 0), []),
-        (np.array([3, 0]), [13, 10]),
-        (np.array([False, True, True, False]), [11, 12]),
-    ],
-    ids=["slice", "last", "none", "indices", "mask"],
-)
-def test_groups_selected_rows_keep_every_array(rows, expected):
-    missing, flags = np.arange(4), np.arange(8).reshape(4, 2)
-    selected = batch(10, 4, missing=missing, flags=flags)[rows]
-    assert selected.index.tolist() == expected and len(selected) == len(expected)
-    assert selected.tones[:, 0, 0].tolist() == expected
-    assert np.array_equal(selected.missing, missing[rows])
-    assert np.array_equal(selected.flags, flags[rows])
-    assert selected.ends is None
-
-
 def test_groups_concatenated_are_the_groups_that_were_cut():
     weights = np.random.default_rng(1).random((6, 5)) > 0.5
     whole = batch(0, 6, missing=np.arange(6), snapshot_weights=weights)
