@@ -127,10 +127,12 @@ def test_device_malformed_and_foreign_packets_counted_and_ignored(software_usrp)
     assert status["malformed"] >= 4 + len(junk) + 1 + 2
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_device_signal_stops_it_and_frees_its_ports(software_usrp, number):
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, "closed standard input"])
+def test_device_that_is_ended_frees_its_ports(software_usrp, end):
     device = software_usrp("--air", "cable")
-    device.process.send_signal(number)
+    if end in list(signal.Signals):
+        device.process.send_signal(end)
+    # Closes its standard input.
     _, said = device.process.communicate(timeout=60)
     assert device.process.returncode == 0
     commands, end = said.splitlines()
@@ -139,12 +141,6 @@ def test_device_signal_stops_it_and_frees_its_ports(software_usrp, number):
     for port in PORTS:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
             sock.bind((device.address, port))
-
-
-def test_device_closed_standard_input_ends_it(software_usrp):
-    device = software_usrp("--air", "cable")
-    device.process.stdin.close()
-    assert device.process.wait(timeout=300) == 0
 
 
 # The process that a shell is: it owns the terminal and starts a job in the background.

@@ -2,7 +2,6 @@
 """The examples with a USRP, run as shipped against the software one."""
 
 import re
-import shlex
 import signal
 import subprocess
 import sys
@@ -17,7 +16,6 @@ from live_runs import (
     FRAMES,
     SLOW,
     SLOW_GROUP_S,
-    free_ports,
     rows_of,
     scene_file,
     wait_until,
@@ -43,27 +41,6 @@ def device(scene):
 
 
 README = (EXAMPLES.parent / "README.md").read_text(encoding="utf-8")
-
-
-def test_readme_live_line_reads_from_the_device_that_emulate_starts(device, scene, tmp_path):
-    """The first command that a user with a radio types."""
-    lines = re.findall(r"^build/run gr-wiforce (emulate|live) (.+)$", README, re.MULTILINE)
-    assert [name for name, _ in lines] == ["emulate", "live"]
-    assert lines[0][1].startswith("demo ") and "--scene demo" in lines[1][1]
-    words = shlex.split(lines[1][1], comments=True)
-    (port,) = free_ports(1)
-    here = {"demo": str(scene), "addr=127.0.0.1": f"{device.args},{FRAMES}", "8080": str(port)}
-    assert set(here) < set(words)
-    options = ["-o", str(tmp_path / "out.csv"), "--duration", "1"]
-    done = subprocess.run(
-        [sys.executable, "-m", "wiforce_app.main", "live", *[here.get(w, w) for w in words]]
-        + options,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert done.returncode == 0 and "http://127.0.0.1:" in done.stderr, done.stderr
-    assert len(rows_of(tmp_path / "out.csv")) > 20
 
 
 def test_readme_lines_replace_the_file_by_a_radio(device, scene):
@@ -117,11 +94,6 @@ def args_of(device):
     return f"{device.args},{FRAMES}"
 
 
-def read(process, count):
-    """Waits until a program has printed so many readings."""
-    wait_until(lambda: len(process.lines) > count)
-
-
 def assert_pressed(lines):
     """Readings as printed: the press is among them, and read right."""
     pattern = r"[\d.]+ s arm: ([\d.]+) \+- [\d.]+ N at ([\d.]+) \+- [\d.]+ mm$"  # without flags
@@ -134,7 +106,7 @@ def assert_pressed(lines):
 @pytest.mark.parametrize("name", ["live_uhd.py", "chain_from_usrp.py"])
 def test_example_prints_the_press(device, scene, name):
     with example(name, args_of(device), scene) as process:
-        read(process, 1.2 / SLOW_GROUP_S)
+        wait_until(lambda: len(process.lines) > 1.2 / SLOW_GROUP_S)
     assert_pressed(process.lines)
 
 

@@ -100,11 +100,6 @@ def test_live_reports_its_state_its_tares_its_tags_and_its_end(scene, device, tm
         complete = ask(client, "tare")
         assert complete["ok"] and complete["state"] == "complete" and not complete["forced"]
         assert ask(client, "status")["tare"]["state"] == "complete"
-        device.command("press arm 3.0 55.0")
-        messages += until(subscriber, settled(1))
-        assert messages[-1]["force_n"] == pytest.approx(3.0, abs=0.3)
-        device.command("release arm")
-        messages += until(subscriber, settled(0))
         device.command("fault 0 off arm")
         messages += until(subscriber, lambda m: in_state("lost")(m) and not starved(m))
         lost = messages[-1]

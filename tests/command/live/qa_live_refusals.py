@@ -22,18 +22,15 @@ def test_live_and_check_without_device_name_alternatives(name):
     assert all(word in said for word in ("addr=127.0.0.254", "emulate", "read"))
 
 
-@pytest.mark.parametrize(
-    "rate_hz, settings, rule",
-    [
+def test_settings_that_a_usrp_does_not_have_are_refused(software_usrp):
+    args = software_usrp("--air", "cable").args
+    for rate_hz, settings, rule in (
         (12.5e6, {"rx_gain_db": 99}, "--rx-gain: must be 0 to 38 dB with this device, got 99"),
         (11e6, {}, "scene: radio.sample_rate_hz: must be a rate that the device supports"),
-    ],
-)
-def test_settings_that_a_usrp_does_not_have_are_refused(software_usrp, rate_hz, settings, rule):
-    args = software_usrp("--air", "cable").args
-    scene = load_scene(scene_of([], radio={"sample_rate_hz": rate_hz}))
-    with pytest.raises(InputError, match=rule):
-        open_radio(RadioRequest.of_scene(scene, args, **settings))
+    ):
+        scene = load_scene(scene_of([], radio={"sample_rate_hz": rate_hz}))
+        with pytest.raises(InputError, match=rule):
+            open_radio(RadioRequest.of_scene(scene, args, **settings))
 
 
 def test_live_outputs_that_cannot_be_opened_keep_what_is_there(tmp_path):
