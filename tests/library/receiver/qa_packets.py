@@ -266,9 +266,6 @@ def test_drifting_antennas_and_changed_rooms_give_no_confident_errors(condition,
 @pytest.mark.parametrize(
     ("change", "key"),
     [
-        ({"packets": {"interval_s": 0}}, "packets.interval_s"),
-        ({"packets": {"subcarriers": 2}}, "packets.subcarriers"),
-        ({"simulation": {"packets": {"lost": 1}}}, "simulation.packets.lost"),
         ({"phase_group": {"snapshots": 450, "estimator": "paper"}}, "phase_group.estimator"),
         ({"environment": {"receive_antennas": 9}}, "environment.receive_antennas"),
         ({"packets": None, "simulation": {"packets": {}}}, "simulation.packets"),

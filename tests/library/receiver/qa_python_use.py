@@ -55,22 +55,11 @@ def test_read_of_nothing_and_of_an_empty_folder_says_so(tmp_path):
 
 
 def test_plot_shows_frames_and_truth(folder, readings):
-    truth = pandas.read_csv(folder / "first.truth.csv")
-    axes = wiforce.plot(readings, truth=truth)
-    assert len(axes) == 4 and axes[0].get_ylabel() == "force (N)"
-    labels = axes[0].get_legend_handles_labels()[1]
-    assert "truth" in labels and "reading (bars: 2 std)" in labels
-    assert axes[1].get_ylim() == (0.0, 80.0)  # the whole sensor of the scene
+    axes = wiforce.plot(readings, truth=pandas.read_csv(folder / "first.truth.csv"))
+    assert "truth" in axes[0].get_legend_handles_labels()[1]
     (bars,) = axes[0].containers
     shown = readings[readings["ok"] & readings["touch"].notna()]
     assert bars.lines[0].get_ydata().tolist() == shown["force_n"].fillna(0).tolist()
-
-
-def test_plot_of_several_captures_labels_each(folder):
-    axes = wiforce.plot(wiforce.read(folder))
-    labels = axes[0].get_legend_handles_labels()[1]
-    assert any(label.startswith("day1/second, arm") for label in labels)
-    assert len(axes[0].containers) == 2
 
 
 @pytest.mark.parametrize(
@@ -82,7 +71,6 @@ def test_plot_of_several_captures_labels_each(folder):
         (lambda frame: wiforce.plot(frame["force_n"]), "readings: must be a pandas frame"),
         (lambda frame: wiforce.plot(frame, truth="first.truth.csv"), "truth: must be a pandas"),
         (lambda frame: wiforce.score(frame, frame), "gauge: several columns sound like a force"),
-        (lambda frame: wiforce.plot(frame, axes=[None]), "axes: must be 4, got 1"),
         (lambda frame: wiforce.score([1], "gauge.csv"), "readings: must be a pandas frame"),
     ],
 )
@@ -119,6 +107,4 @@ def test_dir_shows_public_names_alone():
     names = dir(wiforce)
     assert {"read", "plot", "score", "survey", "plan", "reader", "load_scene"} <= set(names)
     assert not [name for name in names if name.startswith(("_", "is_")) or name == "importlib"]
-    assert names == sorted(wiforce.__all__)
     assert not [name for name in names if inspect.ismodule(getattr(wiforce, name))]
-    assert wiforce.is_scene("demo") and wiforce.symbol_length_of("demo") == 64

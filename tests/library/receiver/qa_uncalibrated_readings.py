@@ -41,11 +41,7 @@ def test_groups_without_the_tag_have_no_touch_and_no_phases():
 
 @pytest.mark.parametrize(
     ("array", "flag"),
-    [
-        ("in_reference", "reference"),
-        ("reshaped", "moved"),
-        ("late_reference", "inconsistent"),
-    ],
+    [("in_reference", "reference"), ("reshaped", "moved"), ("late_reference", "inconsistent")],
 )
 def test_flags_are_those_of_the_sensors_own_ends(array, flag):
     raised = np.zeros((3, 4), bool)
@@ -54,14 +50,11 @@ def test_flags_are_those_of_the_sensors_own_ends(array, flag):
     assert [each.flags for each in found] == [(), (flag,), ()]
 
 
-def test_groups_of_a_tare_are_flagged_reference():
+def test_groups_of_a_tare_gaps_and_saturation_are_flagged():
     """A press during a tare would be calibrated against the former reference."""
-    found = readings(np.zeros((2, 2)), in_tare=np.array([True, False]))
-    assert [each.flags for each in found] == [("reference",), ()]
-    assert [each.group for each in found] == [10, 11]
-
-
-def test_gaps_and_saturation_are_flagged():
-    missing, saturated = np.array([0, 5]), np.array([True, False])
-    found = readings(np.zeros((2, 2)), missing=missing, saturated=saturated)
-    assert [each.flags for each in found] == [("saturated",), ("gap",)]
+    raised = np.eye(3, dtype=int)
+    found = readings(
+        np.zeros((3, 2)), in_tare=raised[0] > 0, missing=raised[1], saturated=raised[2] > 0
+    )
+    assert [each.flags for each in found] == [("reference",), ("gap",), ("saturated",)]
+    assert [each.group for each in found] == [10, 11, 12]
