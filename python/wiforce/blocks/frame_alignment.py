@@ -270,7 +270,9 @@ class frame_alignment(Kept, gr.basic_block):
         if search.offset is None:
             items = items[: search.wanted]
             search.take(items, self._tags_of(len(items)))
-            if search.offset is None and search.items >= PATIENCE_S * self._frames.sample_rate_hz:
+            # The first search of a slow radio may take longer.
+            late = search.items >= PATIENCE_S * self._frames.sample_rate_hz
+            if search.offset is None and search.searches and late:
                 self._explain()
             self.consume(0, len(items))
             return 0

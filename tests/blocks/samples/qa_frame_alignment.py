@@ -76,6 +76,14 @@ def test_without_frames_nothing_passes_and_the_search_goes_on():
     assert len(passed) == 0 and block.offset is None and block.searches == 3
 
 
+def test_a_search_of_more_than_a_second_warns_of_nothing(monkeypatch):
+    """A slow radio whose frames were not searched yet was said to have ended."""
+    said = []
+    monkeypatch.setattr(wiforce.frame_alignment, "_warn", lambda _, sentence: said.append(sentence))
+    _, _, block = align(stream(100, 30), sample_rate=1e4)
+    assert block.offset == 100 - MARGIN and not said
+
+
 def record(path, samples, tags, **parameters):
     source = array_source(samples, tags)
     recorder = wiforce.sigmf_recorder(path, **parameters)
