@@ -42,7 +42,9 @@ public:
             const std::uint64_t first = d_reader.rest().frame;
             for (; d_slips < d_frames.misplaced().size(); d_slips++) {
                 const auto& misplaced = d_frames.misplaced()[d_slips];
-                d_logger->warn("frame timing slipped before frame {:d}; resynchronised",
+                d_logger->warn("frame timing slipped by {:d} samples before frame {:d}; "
+                               "resynchronised",
+                               d_frames.lost()[d_slips],
                                misplaced.second);
                 add_item_tag(0,
                              nitems_written(0) + produced,

@@ -265,9 +265,10 @@ std::uint64_t recorded_frames::ready()
         if (whole > 0)
             return whole;
         if (d_walk.decision_is_due()) {
-            if (d_walk.decide() > 0) {
+            if (const std::uint64_t lost = d_walk.decide()) {
                 d_frames_moved += 1;
                 d_misplaced.push_back(d_walk.misplaced());
+                d_lost.push_back(lost);
             }
         } else if (!start_segment())
             return 0;

@@ -199,6 +199,8 @@ public:
     std::uint64_t frames_moved() const { return d_frames_moved; }
     // Frames before each slip that may lie elsewhere.
     const std::vector<frame_range>& misplaced() const { return d_misplaced; }
+    // Samples by which frame timing slipped then, each.
+    const std::vector<std::uint64_t>& lost() const { return d_lost; }
     std::uint64_t samples_missing() const { return d_recording.samples_missing(); }
 
 private:
@@ -214,6 +216,7 @@ private:
     counter d_folded;
     counter d_frames_moved;
     std::vector<frame_range> d_misplaced;
+    std::vector<std::uint64_t> d_lost;
 };
 
 // Folds runs of frames where the file lies in memory.
