@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, unwritable
 from ..io.optional import optional_module
-from ..io.text.textfile import cell_number, read_bytes, read_csv, require_columns, write_csv
+from ..io.text.textfile import cell_number, read_bytes, read_csv, require_columns, write_whole
 from ..sensor.model import SensorModel
 from ..signal.carrier import CARRIERS_HZ, same_carrier
 
@@ -274,11 +274,15 @@ def table_kind(path: str | Path) -> str:
 
 def write_vna_csv(table: CalibrationTable, path: str | Path) -> None:
     """Write a table as VNA calibration CSV."""
-    import pandas as pd
-
-    mhz = table.frequency_hz / 1e6
-    columns = mhz, table.location_mm, table.port, table.force_n, table.phase_deg
-    write_csv(path, pd.DataFrame(dict(zip(_VNA_COLUMNS, columns, strict=True))))
+    columns = table.location_mm, table.port, table.force_n, table.phase_deg
+    lines = [",".join(_VNA_COLUMNS)]
+    for hertz, location, port, force, phase in zip(table.frequency_hz, *columns, strict=True):
+        place = "" if math.isnan(location) else f"{location:g}"
+        lines.append(f"{hertz / 1e6:.10g},{place},{port},{force:g},{phase:.4f}")
+    try:
+        write_whole(path, "\n".join([*lines, ""]))
+    except OSError as error:
+        raise unwritable(path, error) from error
 
 
 # Carrier in Hz, port and phase in degrees of what a line states.

@@ -2,12 +2,14 @@
 """`gr-wiforce calibrate` and `invert` as a researcher runs them."""
 
 import csv
+import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import yaml
 from command_runs import refused, succeeded
-from gnuradio.wiforce.calibration.tables import measure_vna, write_vna_csv
+from gnuradio.wiforce.calibration.tables import measure_vna, read_vna_csv, write_vna_csv
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import load_sensor
 
@@ -108,6 +110,17 @@ def test_taps_refine_a_sensor(folder, line, tmp_path):
         .provenance["source"]
         .endswith("refined by taps of " + str(tmp_path / "t.csv"))
     )
+
+
+def test_write_vna_csv_needs_no_pandas_and_keeps_the_carrier(folder, tmp_path, monkeypatch):
+    """`./bootstrap demo`, which writes such a table, installs no pandas."""
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    table = read_vna_csv(folder / "vna.csv")
+    table = replace(table, frequency_hz=table.frequency_hz + 123456)
+    write_vna_csv(table, tmp_path / "vna.csv")
+    again = read_vna_csv(tmp_path / "vna.csv")
+    assert again.frequency_hz == pytest.approx(table.frequency_hz, abs=1)
+    assert (again.phase_deg == table.phase_deg).all() and (again.force_n == table.force_n).all()
 
 
 def test_a_sensor_named_by_no_text_is_refused_and_not_written(tmp_path):
