@@ -15,6 +15,7 @@ from gnuradio.wiforce.planning.loss import end_variances, losses_db
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.planning.steps import steps
 from gnuradio.wiforce.scene import load_scene
+from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth import read_truth, score
@@ -275,6 +276,21 @@ def test_what_limits_the_errors_is_counted_and_named(snr_db, off_std, environmen
         error_map(p, 0, np.r_[4.0], np.r_[40.0])[0, 0, 0] for p in (settings, exact)
     )
     assert limit != "off states" or wrong_n > 1.5 * right_n
+
+
+def test_error_of_the_ruler_is_part_of_every_expected_location(tmp_path):
+    """The picture of `plan --plot` promised locations that readings do not reach."""
+    model = load_sensor("line-900mhz-calibrated")
+    write_sensor(dataclasses.replace(model, ruler_std_mm=0.0), tmp_path / "exact.yaml")
+    write_sensor(dataclasses.replace(model, ruler_std_mm=0.5), tmp_path / "ruled.yaml")
+    maps, found = [], []
+    for name in ("exact", "ruled"):
+        settings = plan(scene_of([{"name": "arm", "model": str(tmp_path / f"{name}.yaml")}]))
+        maps.append(error_map(settings, 0, np.r_[2.0, 4.0], np.r_[30.0, 50.0]))
+        found += [each.location_error_mm for each in expect(settings)]
+    assert maps[1][..., 0] == pytest.approx(maps[0][..., 0])
+    assert maps[1][..., 1] == pytest.approx(np.hypot(maps[0][..., 1], 0.5))
+    assert found[0] < 0.67 * 0.5 < found[1]
 
 
 def test_share_of_the_span_that_is_flagged_is_stated():
