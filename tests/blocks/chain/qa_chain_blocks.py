@@ -94,7 +94,11 @@ ROOMS = {
         "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 440}],
         "simulation": SCENE["simulation"] | {"lamps": {"mains_hz": 50, "level_db": 0}},
     },
-    "compression": {"simulation": SCENE["simulation"] | {"front_end": {"compression": 0.01}}},
+    "compression": {
+        "radio": {"sample_rate_hz": 6.25e6},
+        "phase_group": {"snapshots": 300},
+        "simulation": SCENE["simulation"] | {"front_end": {"compression": 0.01}},
+    },
 }
 
 
@@ -211,9 +215,9 @@ class Mean(gr.sync_block):
 def test_block_of_ones_own_is_told_what_the_next_one_needs(plan, codes):
     chain = Chain(plan, print)
     chain.to_force[2] = Mean()
-    flowgraph = gr.top_block()
+    source, flowgraph = array_source(codes), gr.top_block()
     fold = wiforce.preamble_fold(FRAME, item_type="sc16", sample_rate=RATE_HZ)
-    chain.connect(flowgraph, blocks.vector_source_s(codes.ravel().tolist(), False, 2), fold)
+    chain.connect(flowgraph, source, fold)
     flowgraph.run()
     with pytest.raises(InputError, match="^tag state: must hold phase_std_deg, which Subcarrier"):
         chain.check()

@@ -167,7 +167,10 @@ def test_block_shows_messages_and_sends_tare(qt):
 def test_block_whose_recording_has_ended_keeps_and_counts_all_readings(qt, tmp_path):
     """The window went empty ten seconds after the end, and nobody saw that it was the end."""
     scene = {
-        "sensors": [{"name": "arm", "model": "line-900mhz"}],
+        "radio": {"sample_rate_hz": 2.5e6},
+        "sounding": {"frame_length": 360},
+        "phase_group": {"snapshots": 250},
+        "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 670}],
         "reference_s": 0.1,
         "simulation": {"truth_model": "line-900mhz", "duration_s": 0.3},
     }
