@@ -21,6 +21,7 @@ import zmq
 from chain_runs import Collector, assert_equal_readings
 from command_runs import rows_of
 from gnuradio import wiforce
+from machine import wait_until
 from modules import module_of
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -120,7 +121,7 @@ def untouched(flowgraph):
     return flowgraph.scene.reference_s + 3 * flowgraph.scene.group_period_s
 
 
-def test_press_simulation_readings_follow_sliders(generated, running):
+def test_press_simulation_readings_follow_sliders_and_its_tare_button(generated, running, qt):
     flowgraph = generated("press_simulation").press_simulation()
     collector = running(flowgraph, flowgraph.reader)
     collector.wait_for(lambda readings: after(readings, untouched(flowgraph)))
@@ -129,6 +130,10 @@ def test_press_simulation_readings_follow_sliders(generated, running):
         flowgraph.set_force_n(force_n)
         flowgraph.set_location_mm(location_mm)
         assert_follows(settled(collector, flowgraph, flowgraph.tag), force_n, location_mm)
+    display = flowgraph.display.widget
+    display._tare.click()
+    refused = "tare refused: arm is touched"
+    wait_until(lambda: refused in display._outcome.toolTip(), 60, meanwhile=display.refresh)
     flowgraph.set_clock_offset_ppm(20.0)
     assert_follows(settled(collector, flowgraph, flowgraph.tag), 2.0, 55.0)
     before = collector.readings[-1]["snr_db"]
@@ -139,27 +144,10 @@ def test_press_simulation_readings_follow_sliders(generated, running):
     assert_follows(settled(collector, flowgraph, flowgraph.tag), 2.0, 55.0)
     flowgraph.set_force_n(0.0)
     assert all(r.get("touch") == 0 for r in settled(collector, flowgraph, flowgraph.tag))
-
-
-def test_press_simulation_tare_button_reaches_reader(generated, running, qt):
-    flowgraph = generated("press_simulation").press_simulation()
-    collector = running(flowgraph, flowgraph.reader)
-    collector.wait_for(lambda readings: after(readings, untouched(flowgraph)))
-    flowgraph.set_force_n(4.0)
-    settled(collector, flowgraph, flowgraph.tag)
-    display = flowgraph.display.widget
-    display._tare.click()
-    deadline = time.monotonic() + 60
-    while "tare refused: arm is touched" not in display._outcome.toolTip():
-        assert time.monotonic() < deadline
-        display.refresh()
-    flowgraph.set_force_n(0.0)
-    settled(collector, flowgraph, flowgraph.tag)
     count = len(collector.readings)
     display._tare.click()
     collector.wait_for(lambda readings: any("reference" in r["flags"] for r in readings[count:]))
-    while display.sensors() != ["arm"]:
-        display.refresh()
+    wait_until(lambda: display.sensors() == ["arm"], 60, meanwhile=display.refresh)
     qt.processEvents()
     assert not flowgraph.grab().isNull()
 

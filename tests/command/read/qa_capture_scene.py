@@ -24,7 +24,6 @@ SCENE = {
     "reference_s": 0.4,
     "simulation": {"duration_s": 1.2, "seed": 2, "snr_db": 15, "static_clutter_db": 50},
 }
-READ = ["gr-wiforce", "read"]
 
 
 def changed(section, **values):
@@ -45,14 +44,6 @@ def written(folder, scene):
     path = folder / "scene.yaml"
     path.write_text(yaml.safe_dump(scene))
     return path
-
-
-def test_scene_of_own_scene_is_the_default_and_differs_in_nothing(press):
-    """Users would have to keep a scene file beside every capture."""
-    own, differences = scene_of(open_capture(press))
-    assert own.sounding.frame_length == 320 and differences == []
-    again, differences = scene_of(open_capture(press), SCENE)
-    assert again.sensors == own.sensors and differences == []
 
 
 def test_read_finds_sensors_of_a_scene_in_another_folder(tmp_path, monkeypatch):
@@ -116,10 +107,14 @@ def test_read_with_another_symbol_warns_in_a_readable_line(tmp_path):
     ]
 
 
-def test_scene_of_other_sensors_and_unreadable_scene_are_reported(press):
+def test_scene_of_capture_is_its_own_unless_another_is_given_that_is_compared(press):
     """A capture whose own scene is broken must be readable with a good one."""
-    scene = {**SCENE, "sensors": [{**SCENE["sensors"][0], "name": "leg"}]}
     capture = open_capture(press)
+    own, differences = scene_of(capture)
+    assert own.sounding.frame_length == 320 and differences == []
+    again, differences = scene_of(capture, SCENE)
+    assert again.sensors == own.sensors and differences == []
+    scene = {**SCENE, "sensors": [{**SCENE["sensors"][0], "name": "leg"}]}
     # Each key of both sensors was named as well.
     assert scene_of(capture, scene)[1] == [
         "sensors is [arm] in the capture's own scene, [leg] in the scene given"

@@ -37,7 +37,8 @@ def test_demo_reaches_its_limits_and_draws_a_picture(demo):
     assert (folder / "readings.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_read_csv_on_stdout_and_json_lines_in_file_agree(printed, read_args, tmp_path):
+def test_read_csv_on_stdout_and_json_lines_in_file_agree(demo, printed, read_args, tmp_path):
+    assert printed.stdout == (demo[0] / "readings.csv").read_text()  # read by a flowgraph
     output = tmp_path / "out.jsonl"
     succeeded(*read_args, "-o", output, "--plot", tmp_path / "p.png")
     rows = list(csv.DictReader(printed.stdout.splitlines()))
@@ -60,10 +61,6 @@ def test_read_loads_neither_scipy_nor_pandas(read_args):
     assert done.returncode == 0, done.stderr
     loaded = {name.split(".")[0] for name in done.stdout.split()}
     assert "wiforce_app" in loaded and not {"scipy", "pandas", "matplotlib"} & loaded
-
-
-def test_read_same_capture_gives_same_bytes(printed, demo):
-    assert printed.stdout == (demo[0] / "readings.csv").read_text()
 
 
 def cut(demo, tmp_path, size):
