@@ -118,3 +118,19 @@ def test_guided_calibration_that_cannot_begin_leaves_no_file(tmp_path, capsys, w
     said = capsys.readouterr().err
     assert rule in said and said.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_same_command_continues_with_a_new_reference(bench, tmp_path):
+    """It is all that helps where the tag has moved: presses that are stored were lost."""
+    for stored in (1, 2):
+        with bench.person(tmp_path / "arm.yaml") as person:
+            for _ in range(2):
+                person.answer(person.prompt())
+            assert person.prompt() is not None
+            assert "  untouched: phases -172.9" in person.shown
+            assert f"stored, {stored} of 10" in person.shown
+            person.release()
+            person.type("q")
+            assert person.prompt() is None
+    assert "arm.taps.csv: 1; the session continues." in person.shown
+    assert "presses stored in" in person.shown and "the same command continues." in person.shown
