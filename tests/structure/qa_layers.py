@@ -4,6 +4,8 @@
 import ast
 import re
 from graphlib import TopologicalSorter
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -150,3 +152,32 @@ def test_process_of_a_radio_loads_no_other_part_of_the_command():
         if module[0] != "radio"
     }
     assert others == {("shell", "log"), ("shell", "workers")}
+
+
+def scripts():
+    """Python files beside the packages: examples, tools of the documentation, and of the tests."""
+    for folder in ("docs", "examples", "ros2", "tests"):
+        for path in filter(Path.is_file, (ROOT / folder).rglob("*")):
+            if path.suffix == ".py" or (not path.suffix and b"python3" in path.read_bytes()[:30]):
+                yield path
+
+
+def is_there(module, name):
+    """Whether a module has a name, or a module of that name."""
+    if hasattr(import_module(module), name):
+        return True
+    return hasattr(import_module(module), "__path__") and find_spec(f"{module}.{name}") is not None
+
+
+def test_names_that_scripts_import_exist():
+    """Tools that no test runs ended with an ImportError after a name was changed."""
+    missing = [
+        f"{path.relative_to(ROOT)}: {node.module}.{each.name}"
+        for path in scripts()
+        for node in imports_of(path)
+        if isinstance(node, ast.ImportFrom) and not node.level
+        if re.match(r"(gnuradio\.wiforce|wiforce_app)\b", node.module)
+        for each in node.names
+        if not is_there(node.module, each.name)
+    ]
+    assert not missing
