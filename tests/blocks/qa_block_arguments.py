@@ -54,26 +54,6 @@ def test_block_argument_of_a_wrong_type_is_refused_in_one_line(block, name, requ
     assert raised.value.where == name and "\n" not in str(raised.value)
 
 
-@pytest.mark.parametrize(
-    "block, arguments, message",
-    [
-        ("reader", {"scene": None}, "scene: must be a Plan, text, a Path, a dict or a Scene, got"),
-        ("end_separation", {"plan": "demo"}, "plan: must be a Plan, got 'demo'"),
-        ("reader", {"scene": "demo", "on_reading": 3}, "on_reading: must be a function or None"),
-        ("clock_offset", {"sensors": 1.5}, "sensors: must be a whole number, got 1.5"),
-        ("backscatter_tag", {"off_reflection": "0.1"}, "off_reflection: must be a number"),
-        ("readings_to_floats", {"flagged": "no"}, "flagged: must be True or False, got 'no'"),
-        ("sigmf_recorder", {"path": "a", "fields": ["core:hw"]}, "fields: must be a dict or None"),
-        ("trend_display", {"labels": "offset"}, "labels: must be a list of texts, got 'offset'"),
-        ("trend_display", {"y_range": (1, 2, 3)}, "y_range: must be 2 numbers or None, got"),
-    ],
-)
-def test_block_message_of_a_wrong_type_names_the_right_one(block, arguments, message):
-    with pytest.raises(InputError) as raised:
-        getattr(wiforce, block)(**arguments)
-    assert str(raised.value).startswith(message)
-
-
 def test_block_arguments_of_other_numeric_types_are_taken():
     """Companion's variables are often floats, and NumPy's numbers come from computations."""
     source = wiforce.sounding_source(frame_length=720.0, amplitude=np.float32(0.25))
@@ -87,8 +67,3 @@ def test_block_setter_of_a_running_flowgraph_refuses_text():
     with pytest.raises(InputError, match="^force_n: must be a number, got '3'$"):
         tag.set_force_n("3")
     assert tag.force_n() == 0.0
-
-
-def test_block_without_a_required_argument_is_reported_by_python():
-    with pytest.raises(TypeError, match="missing 1 required positional argument: 'plan'"):
-        wiforce.subcarrier_average()

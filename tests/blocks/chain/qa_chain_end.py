@@ -55,22 +55,16 @@ def test_chain_stream_of_any_length_is_read_as_by_the_reader(codes, plan, groups
     assert_equal_readings(found, readings_of_reader(plan, array_source(kept)))
 
 
-def test_chain_gap_at_the_end_of_a_stream_is_read_as_by_the_reader(codes, plan):
+def test_chain_reads_a_clipped_group_and_a_gap_at_the_end_as_the_reader(codes, plan):
     """The snapshots of an incomplete group come as a message, and its sender has ended then."""
     start, lost, end = 18 * GROUP + 25_000, 9_000, 19 * GROUP
     tags = [rx_time(0, 0.0), rx_time(start, (start + lost) / RATE_HZ)]
     kept = np.delete(codes[:end], slice(start, start + lost), axis=0)
+    kept[12 * GROUP + 100 :: FRAME][:4] = 32767
     found = readings_of_chain(plan, array_source(kept, tags), fold())
+    assert [r.group for r in found if "saturated" in r.flags] == [12]
     assert found[18].touch == 1 and "gap" in found[18].flags
     assert_equal_readings(found, readings_of_reader(plan, array_source(kept, tags)))
-
-
-def test_chain_flags_clipped_groups_as_the_reader(codes, plan):
-    clipped = codes[: 14 * GROUP].copy()
-    clipped[12 * GROUP + 100 :: FRAME][:4] = 32767
-    found = readings_of_chain(plan, array_source(clipped), fold())
-    assert [r.group for r in found if "saturated" in r.flags] == [12]
-    assert_equal_readings(found, readings_of_reader(plan, array_source(clipped)))
 
 
 @pytest.mark.parametrize("groups", [(4, 16.5, 25), (ACQUISITION, 16.5, 25)])
