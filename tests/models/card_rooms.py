@@ -42,7 +42,8 @@ def readings_of(capture, folder):
     """Readings, those of steady touches, and their errors over standard deviations."""
     capture.save(folder / "p.npz")
     readings = quietly_read(folder / "p.npz", scene_of())
-    steady = readings[(readings["time_s"] > 2.25) & (readings["time_s"] < 4.25)]
+    last_s = capture.touched_s[1] - PERIOD_S
+    steady = readings[(readings["time_s"] > 2.25) & (readings["time_s"] < last_s)]
     clear = steady[steady["flags"] == ""]
     stds = (clear["force_n"] - FORCE_N).abs() / clear["force_std_n"]
     return readings, steady, clear, stds.to_numpy()

@@ -43,6 +43,7 @@ def test_wander_between_antennas_costs_little_of_what_subcarriers_tell(seed, tmp
     assert error_n.max() < 0.4 and (error_n / clear["force_std_n"]).max() < 3
 
 
+SHORT = {"duration_s": 3.75, "touched_s": (2.0, 3.75)}
 STEADY = {"chain_states": (), "drift_deg": 0.0, "ripple": 0.0, "subcarriers": 26}
 
 
@@ -77,7 +78,7 @@ def test_tag_in_an_irregular_capture_of_an_ax200_gives_no_wrong_reading(
 )
 def test_phases_that_flip_between_antennas_are_followed(line_db, seeds, phases, tmp_path):
     """An AX200 flips several times per second: no reading was without a flag."""
-    effects = {"flip_s": 0.4, "flip_phases": phases}
+    effects = {"flip_s": 0.4, "flip_phases": phases} | SHORT
     steady, clear, stds = readings_of_rooms(line_db, seeds, tmp_path, **effects)
     assert len(clear) >= 0.7 * len(steady) and (clear["touch"] == 1).all()
     errors = np.abs(clear["force_n"] - FORCE_N)
@@ -121,7 +122,7 @@ def test_subcarriers_that_do_not_follow_the_others_are_left_out(tmp_path):
 @pytest.mark.parametrize("line_db", cases(60, long=(50,)))
 def test_gains_of_single_antennas_that_step_are_followed(line_db, tmp_path):
     """Steps hide a weak tag, whose clock is then not found."""
-    capture = capture_of(line_db, snr_db=line_db + 5, flip_s=0.4, chain_gain_db=1.5)
+    capture = capture_of(line_db, snr_db=line_db + 5, flip_s=0.4, chain_gain_db=1.5, **SHORT)
     _, steady, clear, stds = readings_of(capture, tmp_path)
     assert len(clear) > 0.75 * len(steady) and stds.max() < 4
 

@@ -123,7 +123,7 @@ ONE = {"environment": {"receive_antennas": 1}}
 
 def test_one_antenna_over_80_mhz_is_read_within_2_db_of_its_bound(tmp_path):
     """Tags 60 dB below the static path; a packet's phase was thought to hide all of them."""
-    capture = capture_of(6, antennas=1, subcarriers=64, spacing_hz=1.25e6, noise=0.5)
+    capture = capture_of(6, antennas=1, subcarriers=32, spacing_hz=2.5e6, noise=0.35)
     readings = readings_of(capture, tmp_path, scene_of(**ONE))
     errors, bounds = phase_errors(readings, capture)
     assert errors.shape == (4, 8) and excess_db(errors, bounds) < 2.0
@@ -250,7 +250,9 @@ def test_scenes_and_files_of_different_kinds_are_refused(tmp_path):
 @pytest.mark.parametrize("condition", [{"drift_deg": 12.0}, {"change_db": -25.0}])
 def test_drifting_antennas_and_changed_rooms_give_no_confident_errors(condition, tmp_path):
     """Both turn the tags as a press does: readings were wrong by 5 to 50 standard deviations."""
-    capture = capture_of(4, subcarriers=16, noise=0.6, **condition)
+    capture = capture_of(
+        4, duration_s=8.0, touched_s=(3.5, 7.5), subcarriers=16, noise=0.6, **condition
+    )
     rows = []
     readings = touched(readings_of(capture, tmp_path), capture)
     for own, force, location in zip(readings, (4, 3), (35, 50), strict=True):
@@ -260,7 +262,7 @@ def test_drifting_antennas_and_changed_rooms_give_no_confident_errors(condition,
         rows.append(len(clear))
     # What the receiver does is undone, and one group may look like a change of the press; the
     # room's change makes readings uncertain.
-    assert min(rows) >= 7 if "drift_deg" in condition else max(rows) == 8
+    assert min(rows) >= 4 if "drift_deg" in condition else max(rows) == 5
 
 
 @pytest.mark.parametrize(
