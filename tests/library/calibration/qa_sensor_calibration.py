@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gnuradio.wiforce import sensor
 from gnuradio.wiforce.calibration.calibrate import calibrate, refine
 from gnuradio.wiforce.calibration.data import sweep_directions
 from gnuradio.wiforce.calibration.fit import CurveFitter
@@ -353,11 +352,6 @@ def test_the_spline_never_turns_back():
     assert np.all(np.diff(curve) >= -1e-9)
 
 
-def test_names_of_calibration_are_found_in_sensor():
-    """Programs import them from ``gnuradio.wiforce.sensor``, wherever they are defined."""
-    assert all(callable(getattr(sensor, name)) for name in sensor._ELSEWHERE)
-
-
 TRUE = load_sensor("line-900mhz")
 PLACES_MM = (20.0, 30.0, 40.0, 50.0, 60.0)
 NOISE_DEG = 0.2
@@ -436,11 +430,7 @@ def test_readings_of_a_soft_beam_lie_inside_their_standard_deviations(soft):
     assert within_two_std(rigid(soft), beam) < 0.85
 
 
-def test_one_branch_says_nothing_about_hysteresis():
-    loading = pressed_table(Beam(hysteresis=0.06, creep=0.0), TIMES_S[:20])
-    assert calibrate(loading, "loaded").carriers[0].hysteresis_n is None
-
-
-def test_an_elastic_beam_shows_no_difference():
-    model = calibrate(pressed_table(Beam(hysteresis=0.0, creep=0.0)), "elastic")
-    assert model.carriers[0].hysteresis_n == 0.0
+@pytest.mark.parametrize(("hysteresis", "rows", "expected"), [(0.06, 20, None), (0.0, 39, 0.0)])
+def test_one_branch_says_nothing_of_hysteresis_and_an_elastic_beam_none(hysteresis, rows, expected):
+    table = pressed_table(Beam(hysteresis=hysteresis, creep=0.0), TIMES_S[:rows])
+    assert calibrate(table, "bench").carriers[0].hysteresis_n == expected

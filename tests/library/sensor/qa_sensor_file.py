@@ -136,27 +136,16 @@ def load(tmp_path, values):
         (["knots_n"], [1, 2], "knots_n: must be left out where form is 'power'"),
         (["carriers", 0, "covariance_deg2", 0, 0, 0, 0], -9, "must hold symmetric, non-negative"),
         (["carriers", 0, "frequency"], 9e8, "did you mean 'frequency_hz'?"),
+        (["cross_validation", "locations", 0], None, "must hold each of its locations at both"),
+        (["contact", "width_mm"], 81, "contact.width_mm: must not be wider than length_mm, 80"),
     ],
 )
 def test_sensor_with_wrong_value_names_key_and_rule(tmp_path, path, value, expected):
+    name = "line-900mhz" if path[0] == "contact" else "wiforce-900mhz"
     with pytest.raises(InputError) as caught:
-        load(tmp_path, changed(path, value))
+        load(tmp_path, changed(path, value, name))
     assert expected in str(caught.value) and "sensor.yaml" in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_sensor_wider_than_its_line_is_rejected(tmp_path):
-    wide = changed(["contact", "width_mm"], 81, "line-900mhz")
-    with pytest.raises(InputError, match="contact.width_mm: must not be wider than length_mm, 80"):
-        load(tmp_path, wide)
-
-
-def test_sensor_with_a_location_of_one_port_is_rejected(tmp_path):
-    """`plan` failed at it, with words about values to unpack."""
-    path = ["cross_validation", "locations"]
-    rows = content("wiforce-900mhz")["cross_validation"]["locations"]
-    with pytest.raises(InputError, match="cross_validation: must hold each of its locations at b"):
-        load(tmp_path, changed(path, [row for row in rows if row["port"] == 1]))
 
 
 def test_sensor_name_or_carrier_unknown_is_rejected(tmp_path):
