@@ -6,13 +6,13 @@ import pickle
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import click
 import pytest
 from click.testing import CliRunner
 from gnuradio.wiforce.errors import InputError, OutputError
+from machine import wait_until
 from wiforce_app.shell.options import worker_options
 from wiforce_app.shell.workers import WorkerLost, run_tasks
 
@@ -34,14 +34,6 @@ def end_process_unless_marked(folder):
             mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return "done"
-
-
-def note_process(folder):
-    """A task that leaves a file named after its process, and takes long the second time."""
-    mark = Path(folder) / str(os.getpid())
-    if mark.exists():
-        time.sleep(60)
-    mark.touch()
 
 
 class _Unpicklable(Exception):
@@ -74,28 +66,34 @@ def test_output_error_survives_the_way_between_processes():
     assert str(error) == "a.csv: cannot be written (disk full)"
 
 
-def test_workers_of_a_command_that_was_killed_end_silently(tmp_path):
-    """They kept their memory until the machine was started again."""
-    program = f"""
-import os, signal, sys
-sys.path.insert(0, {str(Path(__file__).parent)!r})
-from qa_workers import note_process
+# Tasks leave a file named after their process, and take long the second time.
+KILLED = """
+import os, signal, sys, time
+from pathlib import Path
 from wiforce_app.shell.workers import run_tasks
+
+def note_process(folder):
+    mark = Path(folder) / str(os.getpid())
+    if mark.exists():
+        time.sleep(60)
+    mark.touch()
+
 if __name__ == "__main__":
-    outcomes = run_tasks(note_process, [{str(tmp_path)!r}] * 3, 2)
+    outcomes = run_tasks(note_process, [str(Path(__file__).parent)] * 3, 2)
     next(outcomes)
     os.kill(os.getpid(), signal.SIGKILL)
 """
-    (tmp_path / "program.py").write_text(program)
+
+
+def test_workers_of_a_command_that_was_killed_end_silently(tmp_path):
+    """They kept their memory until the machine was started again."""
+    (tmp_path / "program.py").write_text(KILLED)
     with open(tmp_path / "errors", "w") as errors:
         done = subprocess.run([sys.executable, tmp_path / "program.py"], stderr=errors)
     assert done.returncode == -signal.SIGKILL
     workers = [Path("/proc") / file.name for file in tmp_path.glob("[0-9]*")]
     assert workers
-    deadline = time.monotonic() + 20
-    while any(worker.exists() for worker in workers):
-        assert time.monotonic() < deadline, "a worker is left"
-        time.sleep(0.05)
+    wait_until(lambda: not any(worker.exists() for worker in workers), 20)
     assert "Traceback" not in (tmp_path / "errors").read_text()
 
 
