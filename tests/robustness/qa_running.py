@@ -16,7 +16,7 @@ from machine import rows_in, wait_until
 
 READ = ("--scene", "scene.yaml")
 GROUP = 250 * 360
-KILLS, LONG_KILLS = 4, 100
+KILLS, LONG_KILLS = 3, 100
 
 
 def follow(sandbox, name, output, *options):

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gnuradio.wiforce import sensor
 from gnuradio.wiforce.calibration.calibrate import calibrate, refine
 from gnuradio.wiforce.calibration.data import sweep_directions
 from gnuradio.wiforce.calibration.fit import CurveFitter
@@ -350,6 +351,11 @@ def test_the_spline_never_turns_back():
     fitter = CurveFitter("spline", force_knots("spline", force), [(force, value)])
     curve = fitter.value(fitter.fit(force, value), np.linspace(1, 10, 500))
     assert np.all(np.diff(curve) >= -1e-9)
+
+
+def test_names_of_calibration_are_found_in_sensor():
+    """Programs import them from ``gnuradio.wiforce.sensor``, wherever they are defined."""
+    assert all(callable(getattr(sensor, name)) for name in sensor._ELSEWHERE)
 
 
 TRUE = load_sensor("line-900mhz")
