@@ -251,7 +251,7 @@ def test_scenes_and_files_of_different_kinds_are_refused(tmp_path):
 def test_drifting_antennas_and_changed_rooms_give_no_confident_errors(condition, tmp_path):
     """Both turn the tags as a press does: readings were wrong by 5 to 50 standard deviations."""
     capture = capture_of(
-        4, duration_s=8.0, touched_s=(3.5, 7.5), subcarriers=16, noise=0.6, **condition
+        4, duration_s=8.0, touched_s=(3.5, 7.5), subcarriers=8, noise=0.42, **condition
     )
     rows = []
     readings = touched(readings_of(capture, tmp_path), capture)

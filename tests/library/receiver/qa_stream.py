@@ -287,10 +287,10 @@ def test_stream_touched_groups_are_never_a_new_reference(groups):
 
 @pytest.fixture(scope="module")
 def held(tmp_path_factory, long_run):
-    """A press of three seconds, in both rooms, and before it a tag that is not received."""
+    """A press of two seconds, in both rooms, and before it a tag that is not received."""
     folder = tmp_path_factory.mktemp("held")
-    press = {**SCENE["simulation"]["presses"][0], "start_s": 0.7, "hold_s": 2.6}
-    settings = SCENE["simulation"] | {"presses": [press], "duration_s": 4.0}
+    press = {**SCENE["simulation"]["presses"][0], "start_s": 0.7, "hold_s": 1.7}
+    settings = SCENE["simulation"] | {"presses": [press], "duration_s": 2.8}
     effects = {"quiet": {}, "busy": ROOM}
     if long_run:
         effects["silent"] = {"snr_db": -60, "static_clutter_db": 120}
@@ -312,8 +312,8 @@ def test_stream_doubtful_reference_is_not_replaced_by_pressed_phases(held, how):
             reader.tares.request(force=True)
         readings += reader.process([group])
     readings += reader.finish()
-    pressed = [r for r in readings if 24 <= r.group < 103]
-    assert len(pressed) == 79
+    pressed = [r for r in readings if 24 <= r.group < 75]
+    assert len(pressed) == 51
     assert [r.group for r in pressed if r.touch == 0 and not r.flags] == []
 
 
