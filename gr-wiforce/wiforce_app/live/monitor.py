@@ -161,4 +161,5 @@ class SessionMonitor:
         if missing and not self._no_frames_reported:
             self._no_frames_reported = True
             problem = search.problem()
-            log.warning(f"no sounding frames found: {problem}; check antennas and gains as well")
+            remedy = "check antennas, --tx-gain and --rx-gain as well"
+            log.warning(f"no sounding frames found: {problem}; {remedy}")
