@@ -28,7 +28,7 @@ def test_every_case_stands_in_the_documented_table():
 
 
 def test_json_rows_have_the_documented_keys(monkeypatch, long_run):
-    runs = 10 if long_run else 2
+    runs = 10 if long_run else 1
     monkeypatch.setattr(accuracy, "_QUICK_RUNS", runs)
     done = succeeded("bench", "accuracy", "--json", "--case", "N_g 63", "--jobs", 1)
     rows = json.loads(done.stdout)["rows"]

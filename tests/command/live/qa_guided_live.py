@@ -53,26 +53,18 @@ class Bench:
         return GuidedOperator(self.device, ["calibrate", "--live", *words], **options)
 
 
-class Calibrated:
-    """A guided calibration."""
-
-    def __init__(self, bench, folder):
-        self.true, self.sensor = bench.true, folder / "arm.yaml"
-        with bench.person(self.sensor, seed=2) as person:
-            person.follow()
-
-    def errors(self, model, noise_deg=0.15, count=400):
-        """Absolute errors of force and location, and how often they lie within two std."""
-        rng = np.random.default_rng(7)
-        force = rng.uniform(FORCES[0] + 0.5, FORCES[-1] - 0.5, count)
-        place = rng.uniform(*LOCATIONS, count)
-        phases = self.true.phases_deg(force, place) - self.true.untouched_deg()
-        phases += model.untouched_deg() + noise_deg * rng.standard_normal((count, 2))
-        found = model.invert(phases, noise_deg)
-        force_error = np.abs(found.force_n - force)
-        place_error = np.abs(found.location_mm - place)
-        within = np.mean(force_error < 2 * found.force_std_n)
-        return force_error, place_error, within, np.mean(place_error < 2 * found.location_std_mm)
+def errors(true, model, noise_deg=0.15, count=400):
+    """Absolute errors of force and location, and how often they lie within two std."""
+    rng = np.random.default_rng(7)
+    force = rng.uniform(FORCES[0] + 0.5, FORCES[-1] - 0.5, count)
+    place = rng.uniform(*LOCATIONS, count)
+    phases = true.phases_deg(force, place) - true.untouched_deg()
+    phases += model.untouched_deg() + noise_deg * rng.standard_normal((count, 2))
+    found = model.invert(phases, noise_deg)
+    force_error = np.abs(found.force_n - force)
+    place_error = np.abs(found.location_mm - place)
+    within = np.mean(force_error < 2 * found.force_std_n)
+    return force_error, place_error, within, np.mean(place_error < 2 * found.location_std_mm)
 
 
 @pytest.fixture(scope="module")
@@ -83,18 +75,14 @@ def bench(tmp_path_factory):
         made.device.stop()
 
 
-@pytest.fixture(scope="module")
-def calibrated(bench, tmp_path_factory):
-    return Calibrated(bench, tmp_path_factory.mktemp("guided"))
-
-
-def test_guided_sensor_reads_as_one_calibrated_with_a_vna(calibrated):
+def test_guided_sensor_reads_as_one_calibrated_with_a_vna(bench, tmp_path):
     """The person's sensor would be worse than the sensor's own noise."""
-    model = load_sensor(calibrated.sensor)
-    table = measure_vna(calibrated.true, LOCATIONS, FORCES, 0.2)
-    vna = calibrate(table, "vna")
-    force, place, force_within, place_within = calibrated.errors(model)
-    vna_force, vna_place, *_ = calibrated.errors(vna)
+    sensor = tmp_path / "arm.yaml"
+    with bench.person(sensor, seed=2) as person:
+        person.follow()
+    vna = calibrate(measure_vna(bench.true, LOCATIONS, FORCES, 0.2), "vna")
+    force, place, force_within, place_within = errors(bench.true, load_sensor(sensor))
+    vna_force, vna_place, *_ = errors(bench.true, vna)
     assert np.median(force) < np.median(vna_force) + 0.1
     # A quarter of a millimetre is the error of the ruler.
     assert np.median(place) < np.median(vna_place) + 0.4
