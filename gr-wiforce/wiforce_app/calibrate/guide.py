@@ -134,13 +134,14 @@ class _LineScale:
         self._rest = b""
 
     def poll(self):
-        """Take what has arrived."""
-        while data := self._read():
-            *lines, rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
-            self._rest = rest[-_SCALE_BYTES:]
-            for line in lines:
-                if line.strip():
-                    self._take(line.decode("utf-8", "replace"))
+        """Take what has arrived, or the first part of it; whether there was any."""
+        data = self._read()
+        *lines, rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
+        self._rest = rest[-_SCALE_BYTES:]
+        for line in lines:
+            if line.strip():
+                self._take(line.decode("utf-8", "replace"))
+        return bool(data)
 
     def _take(self, line):
         self.gauge.note(time.monotonic(), line)
@@ -159,7 +160,8 @@ class CsvScale(_LineScale):
             reason = getattr(error, "strerror", None) or error
             raise InputError(path, f"cannot be read ({reason})") from error
         if stat.S_ISREG(os.fstat(self._descriptor).st_mode):
-            self.poll()
+            while self.poll():
+                pass
             self.gauge = ForceGauge(str(path), now_s=time.monotonic())
 
     def close(self):

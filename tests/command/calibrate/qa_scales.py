@@ -2,6 +2,7 @@
 """Forces of a guided calibration from a CSV stream or a serial scale."""
 
 import os
+import subprocess
 import sys
 import time
 
@@ -27,6 +28,20 @@ def test_csv_pipe_gives_forces_as_they_are_written(tmp_path):
         assert latest(scale, begin_s) == 2.5
         stream.write("52\n")
         assert latest(scale, begin_s) == pytest.approx(2.51)
+    scale.close()
+
+
+def test_csv_pipe_that_never_pauses_is_read_in_parts(tmp_path):
+    """The dialogue would hang: a writer may be faster than its reader."""
+    os.mkfifo(tmp_path / "forces")
+    scale = open_scale(str(tmp_path / "forces"), "N", 9600)
+    writing = f"exec > {tmp_path}/forces; echo force_n; exec yes 3.0"
+    with subprocess.Popen(["sh", "-c", writing]) as writer:
+        begin_s = time.monotonic()
+        while not scale.gauge.heard_since(begin_s):
+            scale.poll()
+        assert latest(scale, begin_s) == 3.0
+        writer.kill()
     scale.close()
 
 
