@@ -58,10 +58,11 @@ def readings_of_receiver(plan, codes, lost, tracked):
     return receiver.process(groups) + receiver.finish()
 
 
+LOST = slice(18 * GROUP + 25_000, 18 * GROUP + 34_000)
+
+
 @pytest.mark.parametrize(
-    "lost, tracked",
-    [(slice(0), False), (slice(18 * GROUP + 25_000, 18 * GROUP + 34_000), True)],
-    ids=["complete", "with a gap, tracked"],
+    "lost, tracked", [(slice(0), False), (LOST, True)], ids=["complete", "with a gap, tracked"]
 )
 def test_chain_blocks_reader_and_receiver_give_equal_readings(codes, plan, lost, tracked):
     kept, tags = np.delete(codes, lost, axis=0), []
@@ -134,9 +135,8 @@ def test_chain_of_two_sensors_reads_as_the_reader(tmp_path):
 
 
 def test_chain_gap_without_its_message_affects_only_its_group(codes, plan):
-    lost = slice(18 * GROUP + 25_000, 18 * GROUP + 34_000)
-    tags = [rx_time(0, 0.0), rx_time(lost.start, lost.stop / RATE_HZ)]
-    source = array_source(np.delete(codes, lost, axis=0), tags)
+    tags = [rx_time(0, 0.0), rx_time(LOST.start, LOST.stop / RATE_HZ)]
+    source = array_source(np.delete(codes, LOST, axis=0), tags)
     readings = []
     chain = Chain(plan, readings.append)
     fold = wiforce.preamble_fold(FRAME, item_type="sc16", sample_rate=RATE_HZ)

@@ -84,30 +84,10 @@ def test_a_search_of_more_than_a_second_warns_of_nothing(monkeypatch):
     assert block.offset == 100 - MARGIN and not said
 
 
-def record(path, samples, tags, **parameters):
-    source = array_source(samples, tags)
-    recorder = wiforce.sigmf_recorder(path, **parameters)
-    run_flowgraph(source, recorder)
-    return recorder
-
-
-def test_a_recording_holds_the_samples_and_marks_the_gaps(tmp_path):
-    samples = stream(0, 30)
-    tags = [rx_time(0, 1.0), rx_time(5000, 1.0 + 5100 / RATE), rx_time(9000, 1.0 + 9350 / RATE)]
-    recorder = record(tmp_path / "run", samples, tags, fields={"core:hw": "a device"})
-    assert recorder.failure is None
-    capture = open_capture(tmp_path / "run")
-    assert np.array_equal(capture.read(len(samples)), samples)
-    places = [(s.file_sample, s.global_index, s.length) for s in capture.segments]
-    assert places == [(0, 0, 5000), (5000, 5100, 4000), (9000, 9350, len(samples) - 9000)]
-    fields = json.loads((tmp_path / "run.sigmf-meta").read_text())["global"]
-    assert fields["core:hw"] == "a device" and fields["core:datatype"] == "cf32_le"
-
-
-def test_a_flowgraph_that_is_started_again_goes_on_with_the_recording(tmp_path):
+def test_a_recording_marks_the_gaps_and_goes_on_when_its_flowgraph_is_started_again(tmp_path):
     """As when the common start of a device's streams was missed: what came between is a gap."""
     samples = stream(0, 30)
-    recorder = wiforce.sigmf_recorder(tmp_path / "run")
+    recorder = wiforce.sigmf_recorder(tmp_path / "run", fields={"core:hw": "a device"})
     parts = [(samples[:5000], 1.0), (samples[5000:], 1.0 + 6000 / RATE)]
     for part, start_s in parts:
         tags = [rx_time(0, start_s), rx_time(4000, start_s + 4100 / RATE)]
@@ -115,8 +95,12 @@ def test_a_flowgraph_that_is_started_again_goes_on_with_the_recording(tmp_path):
     assert recorder.failure is None
     capture = open_capture(tmp_path / "run")
     assert np.array_equal(capture.read(len(samples)), samples)
-    places = [(s.file_sample, s.global_index) for s in capture.segments]
-    assert places == [(0, 0), (4000, 4100), (5000, 6000), (9000, 10_100)]
+    places = [(s.file_sample, s.global_index, s.length) for s in capture.segments]
+    last = len(samples) - 9000
+    expected = (0, 0, 4000), (4000, 4100, 1000), (5000, 6000, 4000), (9000, 10_100, last)
+    assert places == [*expected]
+    fields = json.loads((tmp_path / "run.sigmf-meta").read_text())["global"]
+    assert fields["core:hw"] == "a device" and fields["core:datatype"] == "cf32_le"
 
 
 @pytest.mark.parametrize("start_s", [None, 0.5, 5000.0])
