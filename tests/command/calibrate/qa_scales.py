@@ -59,13 +59,15 @@ def test_csv_file_gives_rows_that_are_added_only(tmp_path):
     scale.close()
 
 
-def test_csv_without_forces_is_refused(tmp_path):
+def test_csv_without_forces_and_unit_of_no_force_are_refused(tmp_path):
     path = tmp_path / "forces.csv"
     path.write_text("time_s,weight_g\n0,204\n")
     with pytest.raises(InputError, match="must have a header with a column force_n"):
         open_scale(str(path), "N", 9600)
     with pytest.raises(InputError, match="absent.csv: cannot be read"):
         open_scale(str(tmp_path / "absent.csv"), "N", 9600)
+    with pytest.raises(InputError, match="--scale-unit: must be one of N, mN, g, kg"):
+        open_scale(str(tmp_path), "mm", 9600)
 
 
 def test_serial_scale_gives_forces_in_its_unit():
@@ -90,8 +92,3 @@ def test_serial_scale_names_what_is_missing(monkeypatch):
     pytest.importorskip("serial")
     with pytest.raises(InputError, match="must name a serial port"):
         open_scale("serial:/dev/no-such-port", "N", 9600)
-
-
-def test_scale_unit_that_is_not_of_force_is_refused(tmp_path):
-    with pytest.raises(InputError, match="--scale-unit: must be one of N, mN, g, kg"):
-        open_scale(str(tmp_path), "mm", 9600)

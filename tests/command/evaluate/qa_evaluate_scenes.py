@@ -108,16 +108,12 @@ def test_papers_method_leaves_out_no_snapshots(tmp_path):
     assert errors["read"] >= 4 and errors["phase_rms_deg"] < 10
 
 
-def test_the_report_holds_the_table_and_how_it_came_about(evaluated):
-    folder, done = evaluated
+def test_result_is_reported_and_not_done_again_unless_the_scene_changed(evaluated):
+    folder, first = evaluated
     report = (folder / "out" / "report.md").read_text()
-    assert done.stdout.splitlines()[0] in report
+    assert first.stdout.splitlines()[0] in report
     assert "`gr-wiforce evaluate short.yaml`; gr-wiforce " in report
     assert not list((folder / "out").glob(".capture*"))
-
-
-def test_what_is_there_is_not_done_again_unless_the_scene_changed(evaluated):
-    folder, first = evaluated
     kept = folder / "out" / "short.json"
     before = kept.stat().st_mtime_ns
     again = evaluate(folder, "short.yaml", "--folder", "out")
