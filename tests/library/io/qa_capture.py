@@ -202,22 +202,16 @@ def test_write_metadata_gives_file_of_package(tmp_path):
 MISTAKES = [
     (changed("global", "core:sample_rate", "fast"), "global: core:sample_rate: .*'fast' is not of"),
     (changed("global", "core:sample_rate", 0), "core:sample_rate: .*0 is not a number"),
-    (changed("global", "core:sample_rate", True), "True is not of type 'number'"),
-    (changed("global", "core:datatype", 3), "core:datatype: .*3 is not of type 'string'"),
     (changed("global", "core:num_channels", 0), "core:num_channels: .*0 is not a number from 1"),
     (changed("captures", "core:sample_start", -1), "captures: 1: core:sample_start: .*-1 is not"),
     (changed("captures", "core:global_index", 1.5), "core:global_index: .*1.5 is not of type"),
     (changed("captures", "core:frequency", float("nan")), "core:frequency: .*nan is not a number"),
-    (changed("captures", "core:frequency", float("inf")), "core:frequency: .*inf is not a number"),
     (changed("captures", "core:global_index", 10**400), "core:global_index: .*1000.* is not a num"),
     (VALID | {"captures": [3]}, "captures: 0: .*3 is not of type 'object'"),
     (VALID | {"captures": [{}]}, "captures: 0: .*'core:sample_start' is missing"),
     (VALID | {"captures": CAPTURES[::-1]}, "captures: .*must not decrease"),
-    (VALID | {"captures": None}, "captures: .*None is not of type 'array'"),
-    (changed("captures", "core:frequency", [9e8]), "list is not of type 'num"),
     ({"global": FIELDS}, "key 'captures' is missing"),
     (VALID | {"global": {}}, "global: .*'core:datatype' is missing"),
-    (VALID | {"global": 3}, "global: .*3 is not of type 'object'"),
 ]
 
 

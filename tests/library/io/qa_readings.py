@@ -295,7 +295,6 @@ def test_rotation_keep_deletes_only_the_oldest_files_of_its_own(tmp_path):
         (["6"], None, "6h or 100MB"),
         (["0h"], None, "6h or 100MB"),
         (["1h", "2h"], None, "once for time"),
-        (["-5MB"], None, "6h or 100MB"),
         ([], 3, "--keep"),
     ],
 )

