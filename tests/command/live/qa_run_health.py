@@ -123,8 +123,10 @@ def test_health_says_when_a_tag_appears_after_its_reference(run):
     assert len(run.said) == 2 and "flagged inconsistent until a tare" in run.said[1]
 
 
-def test_health_without_samples_is_waiting_and_later_lost(run):
-    run.session.alignment.offset = None
+def test_health_without_samples_or_device_is_waiting_and_later_lost(run):
+    run.device, run.session.alignment.offset = OPENING, None
+    assert run.health.state == ("waiting", "the device is not open yet")
+    run.device = RUNNING
     assert run.health.state == ("waiting", "no sounding frames yet")
     run.now_s = 1.5
     assert run.health.state == ("waiting", "no samples")
@@ -132,12 +134,6 @@ def test_health_without_samples_is_waiting_and_later_lost(run):
     assert run.read(0.5)[0] == "reading"
     run.now_s += 2.0
     assert run.health.state == ("lost", "no samples for 2.0 s")
-
-
-def test_health_without_its_device_says_so_before_samples_are_missed(run):
-    run.device, run.session.alignment.offset = OPENING, None
-    assert run.health.state == ("waiting", "the device is not open yet")
-    run.device, run.session.alignment.offset = RUNNING, 3
     assert run.read(0.5)[0] == "reading"
     run.device = RECONNECTING
     assert run.health.state == ("lost", "the device is lost, and sought again")
