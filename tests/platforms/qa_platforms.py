@@ -24,10 +24,6 @@ def test_every_script_of_a_step_is_valid_and_used():
         assert f'"{script.name}"' in text
 
 
-def debian(name):
-    return (ROOT / "debian" / name).read_text(encoding="utf-8")
-
-
 def test_packages_contain_every_library_that_cmake_installs():
     """dh_missing would end the build after half an hour."""
     text = (ROOT / "lib/CMakeLists.txt").read_text()
@@ -74,6 +70,7 @@ def test_packages_depend_on_what_the_code_imports():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     by_pip = {re.split("[><=]", each)[0].lower() for each in project["dependencies"]}
     assert by_pip == third_party - {"yaml"} | {"pyyaml"}
-    depends = debian("control").split("Package: gr-wiforce\n")[1].split("Suggests:")[0]
+    control = (ROOT / "debian/control").read_text(encoding="utf-8")
+    depends = control.split("Package: gr-wiforce\n")[1].split("Suggests:")[0]
     for package in packages.values():
         assert f" {package},\n" in depends

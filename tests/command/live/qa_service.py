@@ -38,13 +38,8 @@ def systemd(tmp_path):
         yield SimpleNamespace(messages=messages, environment=variables)
 
 
-def session_in_words():
-    """What a ServiceManager asks of a session."""
-    return SimpleNamespace(behind_s=0.0)
-
-
 def test_service_reports_readiness_state_and_life(systemd, capsys):
-    now, session = [0.0], session_in_words()
+    now, session = [0.0], SimpleNamespace(behind_s=0.0)
     keeper = SimpleNamespace(state=OPENING, waits=False)
     service = ServiceManager(session, keeper, systemd.environment, lambda: now[0])
     assert systemd.environment == {}  # processes that are started must not report
@@ -75,7 +70,7 @@ def test_service_waiting_for_an_absent_device_is_ready(systemd):
     """Otherwise systemd gives up a service whose device is switched on an hour later."""
     keeper = SimpleNamespace(state=OPENING, waits=True)
     for environment, reported in ((systemd.environment, True), ({}, False)):
-        service = ServiceManager(session_in_words(), keeper, environment)
+        service = ServiceManager(SimpleNamespace(behind_s=0.0), keeper, environment)
         service.look()
         assert ("READY=1" in systemd.messages()) is reported
         service.close()
