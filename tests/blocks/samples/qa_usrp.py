@@ -12,6 +12,7 @@ from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks.usrp import timed_frames
 from gnuradio.wiforce.errors import InputError
 from live_runs import FRAMES, SLOW, scene_file, wait_until
+from PyQt5.QtWidgets import QDoubleSpinBox
 from software_usrp import SoftwareUsrp
 
 usrp_block = importlib.import_module("gnuradio.wiforce.blocks.usrp")
@@ -41,7 +42,7 @@ def usrp(device, scene):
     return wiforce.usrp(scene, device, rx_gain=20)
 
 
-def test_usrp_gains_have_the_range_of_the_device(usrp):
+def test_usrp_gains_have_the_range_of_the_device(usrp, qt):
     """A B210 has 0 to 89.75 and 0 to 76 dB, an N210 with SBX 0 to 31.5 and 0 to 38 dB."""
     assert usrp.receiver.get_gain() == 20
     # A third of the range, in steps of the device.
@@ -51,12 +52,7 @@ def test_usrp_gains_have_the_range_of_the_device(usrp):
     with pytest.raises(InputError, match="rx_gain: must be 0 to 38 dB with this device, got 65"):
         usrp.set_rx_gain(65)
     assert usrp.receiver.get_gain() == 20
-
-
-def test_usrp_gain_sliders_have_the_range_of_the_device(usrp, qt):
-    from PyQt5.QtWidgets import QDoubleSpinBox
-
-    usrp.set_rx_gain(20)
+    # So have the sliders.
     widget = usrp.gain_sliders()
     transmit, receive = widget.findChildren(QDoubleSpinBox)
     assert (transmit.minimum(), transmit.maximum()) == (0, 31.5)

@@ -67,9 +67,7 @@ def test_the_contact_solves_the_beam_on_its_foundation():
         u = half[0] / 3.95
         # deflected by the gap at the edge of the short
         assert math.exp(-u) * (math.cos(u) + math.sin(u)) == pytest.approx(0.9 / force, rel=1e-8)
-
-
-def test_a_press_by_the_end_shorts_the_connector_and_no_further():
+    # A press by the end shorts the connector, and no further.
     assert LAW.shorting_points_mm(8.0, 3.0, 80.0, 0.9)[0] == 0.0
 
 
@@ -108,6 +106,8 @@ def test_reflection_equals_that_of_a_line_of_scikit_rf():
     s11 = media.line(80e-3, unit="m").s[:, 0, 0]
     assert line.reflection_db(hertz) == pytest.approx(20 * np.log10(np.abs(s11)), abs=1e-6)
     assert line.matched().reflection_db(hertz).max() < -100
+    with pytest.raises(InputError, match="impedance: is reached at no height"):
+        line.matched(1000.0)
 
 
 def test_best_match_lies_where_the_published_field_simulations_have_it():
@@ -122,11 +122,6 @@ def test_best_match_lies_where_the_published_field_simulations_have_it():
         # Connectors, which are not in the formulas, shift the optimum with the carrier.
         assert ratio == pytest.approx(found[ground], abs=0.4 if mhz == "900" else 0.85)
     assert found[2.5] - found[6] == pytest.approx(optima[2.5, "900"] - optima[6.0, "900"], abs=0.1)
-
-
-def test_match_that_no_height_has_is_refused():
-    with pytest.raises(InputError, match="impedance: is reached at no height"):
-        Microstrip().matched(1000.0)
 
 
 @pytest.mark.parametrize("clock_hz", [50.0, 139.0, 165.0, 765.0, 1000.0, 1035.0, 1400.0, 3800.0])

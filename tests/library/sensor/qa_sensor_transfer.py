@@ -109,13 +109,16 @@ def test_transferred_model_is_that_of_line_at_other_carrier(to_hz):
     )
 
 
-def test_transfer_turns_of_calibration_do_not_scale():
+def test_transfer_neither_scales_turns_nor_adds_there_and_back():
     """Phases count modulo 360 deg: a calibration that is a turn higher is the same one."""
     bench = load_sensor("line-900mhz-calibrated")
     (carrier,) = bench.carriers
     turned = replace(carrier, coefficients_deg=carrier.coefficients_deg - 720.0)
     found = replace(bench, carriers=(turned,)).at_carrier(915e6).phases_deg(4.0, 33.0)
     assert found == pytest.approx(bench.at_carrier(915e6).phases_deg(4.0, 33.0))
+    back = bench.transferred(915e6).transferred(930e6).transferred(900e6)
+    assert back.transfer_std_deg == pytest.approx(0, abs=1e-9)
+    assert back.phases_deg(4.0, 33.0) == pytest.approx(bench.phases_deg(4.0, 33.0))
 
 
 def test_transfer_std_grows_with_distance_and_is_that_of_random_connectors():
@@ -131,14 +134,6 @@ def test_transfer_std_grows_with_distance_and_is_that_of_random_connectors():
         assert found == pytest.approx(expected, rel=0.01) and found > previous
         previous = found
     assert transfer_std_deg(LENGTH_MM, 1.0, 900e6, 900e6) == 0
-
-
-def test_transfer_there_and_back_is_the_calibration():
-    """Uncertainty belongs to the distance from the calibration, not to the number of files."""
-    bench = load_sensor("wiforce-900mhz")
-    back = bench.transferred(915e6).transferred(930e6).transferred(900e6)
-    assert back.transfer_std_deg == pytest.approx(0, abs=1e-9)
-    assert back.phases_deg(4.0, 33.0) == pytest.approx(bench.phases_deg(4.0, 33.0))
 
 
 def test_transfer_beyond_a_tenth_is_refused():

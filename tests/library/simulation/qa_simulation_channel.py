@@ -131,16 +131,9 @@ def test_channel_off_state_shows_while_both_switches_are_off():
     ("waveform", "first", "count", "carriers"), [("repeated", 64, 4, 62), ("wifi", 192, 2, 52)]
 )
 def test_channel_snr_is_tag_line_over_noise(snr_db, waveform, first, count, carriers):
-    sensors = [{"name": "a", "model": "line-900mhz"}]
-    one = load_scene(
-        {
-            "sounding": {"waveform": waveform},
-            "sensors": sensors,
-            "simulation": QUIET | {"snr_db": snr_db},
-        }
-    )
+    one = load_scene(scene(snr_db=snr_db).as_dict() | {"sounding": {"waveform": waveform}})
     channel = AirChannel(one)
-    channel.sensors["a"].on = False
+    channel.sensors["s0"].on = False
     received = channel.process(np.tile(one.waveform().frame(), 2000), 0).reshape(2000, -1)
     folded = received[:, first : first + 64 * count].reshape(-1, count, 64).mean(axis=1)
     spectrum = np.fft.fft(folded.astype(complex))[:, 1:27]
@@ -358,15 +351,10 @@ def test_bursts_have_stated_share_level_and_durations(share, level_db):
 
 def test_bursts_reach_both_antennas_at_once():
     """The ratio of two antennas must meet the same bursts in both."""
-    scene = load_scene(
-        {
-            "sensors": [{"name": "arm", "model": "line-900mhz"}],
-            "environment": {"reader_clock": "free", "receive_antennas": 2},
-            "simulation": QUIET | {"snr_db": 10, "bursts": {"share": 0.5, "level_db": 40}},
-        }
-    )
+    bursts = {"share": 0.5, "level_db": 40}
+    both = scene(environment=FREE | {"receive_antennas": 2}, snr_db=10, bursts=bursts)
     first, second = (
-        AirChannel(scene, antenna=antenna).process(np.zeros(200_000), 0) for antenna in (0, 1)
+        AirChannel(both, antenna=antenna).process(np.zeros(200_000), 0) for antenna in (0, 1)
     )
     powers = [np.mean(np.abs(each) ** 2) for each in (first, second)]
     common = np.vdot(first, second) / np.sqrt(np.prod(powers)) / len(first)

@@ -127,7 +127,7 @@ def reflection_change(seed, at_s, **tag):
 
 def test_drift_is_random_walk_of_both_ends():
     drift = {"drift_deg_per_sqrt_s": 1.3}
-    changes = [np.unique(reflection_change(seed, 16.0, **drift).round(1)) for seed in range(40)]
+    changes = [np.unique(reflection_change(seed, 16.0, **drift).round(1)) for seed in range(30)]
     ends = np.array([[change.min(), change.max()] for change in changes])
     assert np.sqrt(np.mean(ends**2)) == pytest.approx(1.3 * 4, rel=0.25)
     assert np.abs(ends[:, 0] - ends[:, 1]).mean() > 2  # each end by itself
@@ -142,9 +142,7 @@ def test_beam_shows_more_force_while_unloading_and_creeps():
     beam = Beam(hysteresis=0.0, creep=0.1, creep_s=2.0)
     found = shown_force(held, np.array([1.001, 3.0, 10.9]), beam)
     assert found == pytest.approx(4 + 0.4 * (1 - np.exp([-5e-4, -1, -4.95])))
-
-
-def test_truth_of_a_beam_is_the_force_that_is_applied():
+    # The truth is the force that is applied.
     channel = channel_of(presses=[PRESS], beam={"hysteresis": 0.1, "creep": 0})
     force = channel.touch_state(np.array([1.25, 2.75]))["arm"].force_n
     np.testing.assert_allclose(force, 2, atol=1e-9)
@@ -169,19 +167,15 @@ def test_hand_adds_moving_path_while_it_presses_only():
     assert abs(np.angle(changes[1] / changes[2], deg=True)) > 2  # 5 mm are up to 22 deg here
 
 
-def test_clock_within_tolerance_follows_signal_model():
+def test_clock_follows_signal_model_and_drifts_for_days_within_tolerance():
     clock = SwitchingClock(1000.0, 40.0, 0.5, 100.0, 0.3)
     t = np.array([0.0, 1.0, 60.0])
     expected = 0.3 + 1000 * (t * (1 + 40e-6) + 0.5e-6 * t**2 / 2)
     np.testing.assert_allclose(clock.cycles(t), expected, rtol=0, atol=1e-9)
-
-
-def test_clock_drifting_for_days_stays_within_tolerance():
-    clock = SwitchingClock(1000.0, 40.0, 0.5, 100.0, 0.0)
-    t = np.linspace(0, 1200, 2_400_001)
+    t = np.linspace(0, 1200, 600_001)
     rate_ppm = (np.diff(clock.cycles(t)) / np.diff(t) / 1000 - 1) * 1e6
     assert np.abs(rate_ppm).max() < 100.01 and rate_ppm.max() > 99.9 and rate_ppm.min() < -99.9
     assert np.abs(np.diff(rate_ppm)).max() < 5e-3  # rounding of 1e6 cycles
-    np.testing.assert_allclose(clock.offset_ppm(t[:-1] + 2.5e-4), rate_ppm, atol=5e-3)
+    np.testing.assert_allclose(clock.offset_ppm(t[:-1] + 1e-3), rate_ppm, atol=5e-3)
     days = 3 * 86400 + np.array([0, 1e-3])
     assert abs(np.diff(clock.cycles(days))[0] - 1) < 2e-4

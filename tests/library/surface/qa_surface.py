@@ -101,7 +101,7 @@ def test_presses_outside_the_strips_are_flagged_or_within_their_uncertainty(sett
     assert all("extrapolated" in r.flags for r in own if r.touch == 1)
 
 
-def test_two_presses_far_apart_are_both_read(settings):
+def test_two_presses_far_apart_are_both_read_and_near_ones_flagged(settings):
     both = [(6.0, 30.0, 0.0), (7.0, 50.0, 36.0)]
     readings = made.readings_of(settings, [both] * 4, np.random.default_rng(11))
     for name, press in zip(("skin-2", "skin"), both, strict=True):
@@ -110,12 +110,8 @@ def test_two_presses_far_apart_are_both_read(settings):
         assert len(error) == 4
         assert (np.abs(error) < np.maximum(3 * std, [0.3, 1.0, 1.0])).all(), name
         assert not any("inconsistent" in r.flags for r in own)
-
-
-def test_two_presses_too_near_are_flagged_inconsistent(settings):
-    both = [(6.0, 30.0, 10.0), (7.0, 50.0, 26.0)]
-    readings = made.readings_of(settings, [both] * 4, np.random.default_rng(12))
-    own = made.of_surface(readings)
+    near = [(6.0, 30.0, 10.0), (7.0, 50.0, 26.0)]
+    own = made.of_surface(made.readings_of(settings, [near] * 4, np.random.default_rng(12)))
     assert all("inconsistent" in r.flags for r in own if r.touch == 1)
 
 
@@ -231,11 +227,15 @@ def test_the_stated_error_of_a_share_is_not_below_that_of_the_fit(law):
     assert found.share_std == pytest.approx(rms, rel=0.02)
 
 
-def test_an_untouched_surface_has_a_row_without_a_press(settings):
+def test_an_untouched_surface_has_a_row_without_a_press_and_one_that_is_not_calibrated_none(
+    folder, settings
+):
     readings = made.readings_of(settings, [[]] * 5, np.random.default_rng(13))
-    assert [(r.touch, r.force_n, r.y_mm) for r in made.of_surface(readings)] == [
-        (0, None, None)
-    ] * 5
+    own = made.of_surface(readings)
+    assert [(r.touch, r.force_n, r.y_mm) for r in own] == [(0, None, None)] * 5
+    press = [[(6.0, 40.0, 12.0)]]
+    strips = made.readings_of(plan(folder / "bare.yaml"), press, np.random.default_rng(15))
+    assert {r.sensor for r in strips} == set(made.NAMES)
 
 
 def test_a_strip_that_runs_the_other_way_gives_the_same_x(folder):
@@ -250,14 +250,6 @@ def test_a_strip_that_runs_the_other_way_gives_the_same_x(folder):
     for one, other in zip(straight, turned, strict=True):
         assert abs((66.0 - one.location_mm) - other.location_mm) < 0.1
         assert abs(one.y_mm - other.y_mm) < 0.05
-
-
-def test_readings_do_not_depend_on_the_law_of_a_scene_without_one(folder):
-    """Strips stay as they are; a surface that is not calibrated has no rows."""
-    readings = made.readings_of(
-        plan(folder / "bare.yaml"), [[(6.0, 40.0, 12.0)]], np.random.default_rng(15)
-    )
-    assert {r.sensor for r in readings} == set(made.NAMES)
 
 
 def test_a_stated_gaussian_is_read_with_its_own_error(presses):
@@ -292,8 +284,6 @@ BAD = {
     "twice share_std); at y = 18.0 mm they bear 193%": {"spreading": {"share": 1, "width_mm": 9.4}},
     "surface.spreading.distance_mm: must be left out, the law 'gaussian' does not have it": {
         "spreading": {"share": 0.5, "width_mm": 9, "distance_mm": [0, 5], "shares": [0.5, 0]}},
-    "surface.spreading.share: must be left out, the law 'table' does not have it, got 0.5": {
-        "spreading": {"law": "table", "distance_mm": [0, 5], "shares": [0.5, 0], "share": 0.5}},
     "surface.spreading: must be a law of as many strips as the surface has, 4": {"spreading": {
         "law": "strips", "distance_mm": [0, 5], "strip_shares": [[0.5, 0.2], [0.5, 0.2]]}},
     "surface.spreading: must be a law of as many strips as the surface has, 4, got 3": {

@@ -4,7 +4,6 @@
 import numpy as np
 import pytest
 from gnuradio import wiforce
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.gui.sensor_view import SurfaceView, ellipse
 from gnuradio.wiforce.io.readings import SurfaceReading
 from gnuradio.wiforce.planning.plan import plan
@@ -107,8 +106,3 @@ def test_qt_display_draws_a_surface_from_above(qt):
         display.close()
         display.deleteLater()
         qt.processEvents()
-
-
-def test_strips_of_a_display_that_are_no_numbers_are_refused(qt):
-    with pytest.raises(InputError, match="strips_y_mm: must be a list of finite numbers"):
-        wiforce.ForceDisplay(strips_y_mm=[0.0, float("nan")])
