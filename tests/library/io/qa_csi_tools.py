@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from command_runs import refused, run_command, succeeded
+from command_runs import refused, succeeded
 from csi_files import (
     ESP32_HEADER,
     PACKETS,
@@ -81,14 +81,12 @@ def test_nexmon_packets_of_one_sender_are_read(tmp_path):
     assert found.left_out == (("frame of another sender", 160),)
 
 
-def test_esp32_file_has_one_antenna_whose_error_check_states(tmp_path):
+def test_esp32_file_has_one_antenna(tmp_path):
     values = values_of(64, 1, 100)
     (tmp_path / "a.csv").write_text("".join(esp32_lines(values)))
     found = open_csi(tmp_path / "a.csv", "esp32")
     same_up_to_scale(found.channel, values[:, sent_subcarriers(64)])
     assert np.allclose(np.diff(found.time_s), 2e-3)
-    found = json.loads(run_command("check", "a.csv", "--json", cwd=tmp_path).stdout)
-    assert found["one_antenna"]["kept_db"] < 0 and found["one_antenna"]["phase_error_deg"] > 1
 
 
 def test_esp32_header_odd_lines_and_other_senders_are_left_out(tmp_path):

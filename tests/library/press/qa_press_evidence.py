@@ -6,13 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from command_runs import succeeded
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.tables import read_vna_csv
 from gnuradio.wiforce.io.readings import Flag
 from gnuradio.wiforce.press.evidence import PressEvidence
-from gnuradio.wiforce.receiver.captures import simulate
-from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.wiforce_kernels import group_reading
 from second_simulator import CARRIER_HZ, Line, Tag, phases, write_vna
 
@@ -99,7 +96,7 @@ def test_evidence_swapped_ends_are_found_where_the_line_is_not_even(sensor):
     assert np.array_equal(whole, (np.arange(len(more[1])) >= 72) & (more[1] == 1) & bool(line.lean))
 
 
-@pytest.mark.parametrize("times", [0.25, 1, 5])
+@pytest.mark.parametrize("times", [0.25, 5])
 @pytest.mark.parametrize(("lasts_s", "found"), [(0.9, ["swapped ends"]), (0.15, [])])
 def test_evidence_needs_presses_that_last_as_long_in_groups_of_any_length(
     sensor, times, lasts_s, found
@@ -140,6 +137,7 @@ def test_evidence_unstated_off_state_shows_in_the_amplitude(sensor, off, expecte
     evidence, _ = judged(model, *presses(line, off=off * np.exp(0.5j)))
     found = [each for each in evidence.suspicions if each.kind == "off state"]
     assert len(found) == expected and evidence.contradicted == bool(expected)
+    assert all("changes as with an off state of 0.2" in each.text for each in found)
     evidence.reset()
     assert evidence.suspicions == [] and not evidence.contradicted
 
@@ -173,17 +171,3 @@ def test_evidence_of_a_press_of_hours_is_bounded_and_finds_the_same(sensor):
     assert kept < 2e6  # 10 000 readings take five times as much
     evidence, _ = judged(model, ratios, touch, batch=500)
     assert [each.kind for each in evidence.suspicions] == (["swapped ends"] if line.lean else [])
-
-
-def test_read_hints_at_an_off_state_that_no_press_explains(tmp_path):
-    """From .2 on all readings are too vague to use, which alone names no cause."""
-    shipped = load_scene("tabletop")
-    (sensor,) = shipped.as_dict()["sensors"]
-    simulate(
-        shipped.as_dict() | {"sensors": [sensor | {"off_reflection": [0.3, 0.0]}]},
-        tmp_path / "press",
-    )
-    done = succeeded("read", tmp_path / "press", "--scene", "tabletop", "-o", tmp_path / "p.csv")
-    assert (
-        "the amplitude of end 1 changes as with an off state of 0.30 instead of 0.00" in done.stderr
-    )

@@ -209,9 +209,9 @@ def test_plan_says_that_a_wifi_card_has_no_such_snr():
 
 def test_simulated_scene_is_read_by_the_command(tmp_path):
     scene = yaml.safe_load((Path(DATA_DIR) / "scenes" / "wifi_packets.yaml").read_text())
-    scene["simulation"] |= {"duration_s": 2.0, "presses": []}
+    scene["simulation"] |= {"duration_s": 1.2, "presses": []}
     scene["packets"]["subcarriers"] = 8
-    (tmp_path / "short.yaml").write_text(yaml.safe_dump(scene | {"reference_s": 1.0}))
+    (tmp_path / "short.yaml").write_text(yaml.safe_dump(scene | {"reference_s": 0.6}))
     succeeded("simulate", "short.yaml", "a", cwd=tmp_path)
     assert (tmp_path / "a.truth.csv").exists()
     done = succeeded("read", "a.npz", "-o", "a.csv", cwd=tmp_path)
