@@ -39,7 +39,7 @@ def test_simulate_existing_file_is_replaced_with_force_only(scene, tmp_path, suf
     assert f"press{suffix}: exists already; --force replaces it" in said
     assert precious.read_text() == "precious"
     assert names_in(tmp_path) == [precious.name, "scene.yaml"]
-    succeeded("simulate", scene, tmp_path / "press", "--force")
+    succeeded("simulate", scene, tmp_path / "press.sigmf-meta", "--force")
     assert names_in(tmp_path) == [*(f"press{each}" for each in SUFFIXES), "scene.yaml"]
 
 
@@ -68,11 +68,6 @@ def test_simulate_ended_by_signal_leaves_no_file(tmp_path, number, status):
     word = "terminated" if number == signal.SIGTERM else "interrupted"
     assert process.returncode == status and said.strip() == f"gr-wiforce: {word}"
     assert names_in(tmp_path) == ["scene.yaml"]
-
-
-def test_simulate_name_with_suffix_is_that_of_the_capture(scene, tmp_path):
-    succeeded("simulate", scene, "press.sigmf-meta", cwd=tmp_path)
-    assert names_in(tmp_path) == [*(f"press{each}" for each in SUFFIXES), "scene.yaml"]
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "runs/", "/dev/null", "a\nb"])

@@ -167,6 +167,11 @@ def test_patterns_and_folders_find_each_capture_once(captures, tmp_path, monkeyp
     assert [capture.name for capture in find_captures([str(tmp_path)])] == ["a", "b[1]"]
     assert is_one([str(tmp_path / "b[1]")]) and not is_one([str(tmp_path / "b*")])
     assert not is_one(["day1"]) and not is_one(["day1/a", "day1/b"])
+    # Captures of a folder that cannot be searched would be missing without a word.
+    error = PermissionError(13, "Permission denied", "day1")
+    monkeypatch.setattr(os, "walk", lambda place, onerror: onerror(error))
+    with pytest.raises(InputError, match=r"day1: cannot be searched \(Permission denied\)"):
+        find_captures(["."])
 
 
 def test_interrupted_run_keeps_what_is_read_and_says_how_to_go_on(captures, tmp_path):
@@ -308,14 +313,6 @@ def test_whole_file_is_kept_when_no_capture_can_be_read(in_process, tmp_path):
     done = run_command("read", tmp_path / "in", "-o", tmp_path / "all.parquet")
     assert done.returncode == 2 and "was not written" in done.stderr, done.stderr
     assert (tmp_path / "all.parquet").read_text() == "former"
-
-
-def test_folder_that_cannot_be_searched_is_refused(captures, monkeypatch):
-    """Its captures would be missing from the result without a word."""
-    error = PermissionError(13, "Permission denied", "day1")
-    monkeypatch.setattr(os, "walk", lambda place, onerror: onerror(error))
-    with pytest.raises(InputError, match=r"day1: cannot be searched \(Permission denied\)"):
-        find_captures([str(captures[0])])
 
 
 def test_pattern_in_folders_with_links_to_each_other_finds_each_capture(tmp_path, monkeypatch):
