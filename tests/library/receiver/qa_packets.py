@@ -150,12 +150,11 @@ def test_one_antenna_over_20_mhz_gives_no_confident_errors(tmp_path):
 @pytest.mark.long
 def test_no_tag_gives_no_clear_reading(tmp_path):
     """Noise must not be read as a press."""
-    capture = capture_of(duration_s=8.0)
     silent = PacketCapture(
         [PacketTag(120.0, level=1e-6), PacketTag(134.0, level=1e-6)],
         duration_s=8.0, static=225.0, noise=1.0,
     )  # fmt: skip
-    assert len(silent.time_s) > 1000 and len(capture.time_s) > 1000
+    assert len(silent.time_s) > 1000
     readings = readings_of(silent, tmp_path)
     assert len(readings) == 32 and (readings["flags"] != "").all()
 
