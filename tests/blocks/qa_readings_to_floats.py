@@ -36,7 +36,8 @@ def streams(messages, items, **settings):
 
 
 def test_floats_are_the_values_of_the_readings():
-    found = streams([UNTOUCHED, PRESSED, PRESSED | {"force_n": 5.0}], 3)
+    odd = [{}, {"sensor": "arm"}]  # and malformed messages are omitted
+    found = streams([*odd, UNTOUCHED, PRESSED, PRESSED | {"force_n": 5.0}], 3)
     unknown = np.nan
     expected = [[0, 4, 5], [unknown, 0.1, 0.1], [unknown, 40, 40], [unknown, 0.5, 0.5]]
     np.testing.assert_allclose(found, expected, rtol=1e-6)
@@ -64,9 +65,6 @@ def test_floats_of_flagged_readings_can_be_unknown():
     assert found[:, 1].tolist() == [-1.0] * 4
     assert found[0].tolist() == [4.0, -1.0, 0.0]
     assert found[2].tolist() == [40.0, -1.0, -1.0]
-
-
-def test_floats_of_malformed_messages_are_omitted():
-    odd = [{}, {"sensor": "arm"}, PRESSED | {"force_n": None, "location_mm": "40"}]
-    found = streams([*odd, PRESSED], 2, unknown=-1.0)
+    odd = PRESSED | {"force_n": None, "location_mm": "40"}
+    found = streams([odd, PRESSED], 2, unknown=-1.0)
     assert found[0].tolist() == [-1.0, 4.0] and found[2].tolist() == [-1.0, 40.0]

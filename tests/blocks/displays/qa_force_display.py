@@ -73,18 +73,15 @@ def test_reading_as_text_has_two_standard_deviations_units_and_flags():
 ODD_VALUES = [None, math.nan, math.inf, -math.inf, -3.0, 1e9, "4", True, []]
 
 
-def test_display_absurd_values_are_tolerated(display, qt):
+def test_display_malformed_messages_and_absurd_values_are_tolerated(display, qt):
+    picture(display, qt, {}, None, 3, "reading", {"sensor": "arm"}, {"time_s": 1.0})
+    assert display.sensors() == []
     for key in PRESSED.keys() - {"flags"}:
         for value in ODD_VALUES:
             display.add(PRESSED | {key: value})
         picture(display, qt, {k: v for k, v in PRESSED.items() if k != key})
     picture(display, qt, PRESSED)
     assert display.latest("arm").force_n == 4.0
-
-
-def test_display_malformed_message_is_ignored(display, qt):
-    picture(display, qt, {}, None, 3, "reading", {"sensor": "arm"}, {"time_s": 1.0})
-    assert display.sensors() == []
 
 
 def test_display_silent_sensor_turns_grey_and_is_removed(display, qt, monkeypatch):
@@ -116,10 +113,7 @@ def test_track_keeps_the_span_of_one_run_and_its_gaps():
     assert times.tolist() == [3.0, 4.0, 5.0]
     np.testing.assert_array_equal(forces, [np.nan, np.nan, 5.0])
     np.testing.assert_array_equal(kept.series("force_n", flagged=True)[1], [3.0, np.nan, np.nan])
-
-
-def test_track_untouched_sensor_has_no_force_and_no_location():
-    """A force that disappears from the plot looks like a lost sensor, not like a release."""
+    # A force that disappears from the plot looks like a lost sensor, not like a release.
     kept = widget.Track(2.0)
     kept.add(Reading(1.0, "arm", touch=0, flags=("reference",)))
     kept.add(Reading(1.1, "arm", flags=("gap",)))

@@ -192,12 +192,12 @@ def levels_db(frames):
 
 
 def test_bench_simulator_has_same_levels(tmp_path):
-    blocks = list(Capture(Room(duration_s=0.5), 1).blocks())
+    blocks = list(Capture(Room(duration_s=0.3), 1).blocks())
     second = levels_db(np.concatenate(blocks))
     scene = load_scene(
         {
             "sensors": [{"name": "arm", "model": "line-900mhz"}],
-            "simulation": {"static_clutter_db": 50, "duration_s": 0.5, "adc_bits": 16},
+            "simulation": {"static_clutter_db": 50, "duration_s": 0.3, "adc_bits": 16},
         }
     )
     simulator.simulate(scene, tmp_path / "x")
