@@ -195,8 +195,9 @@ def test_append_restart_keeps_previous_readings(tmp_path, name):
     assert times == [reading.time_s for reading in readings(0, 30)]
 
 
-@pytest.mark.parametrize("append", [False, True])
-@pytest.mark.parametrize("rotation", [Rotation(), Rotation(size_bytes=10_000)])
+@pytest.mark.parametrize(
+    ("append", "rotation"), [(False, Rotation()), (True, Rotation(size_bytes=10_000))]
+)
 def test_output_of_a_running_writer_refused_and_unchanged(tmp_path, append, rotation):
     """A second live reader with the same output emptied the file of the first one."""
     path = tmp_path / "grip.csv"

@@ -129,6 +129,7 @@ def test_readout_missing_snapshots_and_groups_are_flagged_gap():
         ({}, np.inf, 1.0, ("weak",)),
         ({}, 0.05, 0.0, ("weak",)),
         ({"overlapping": True}, 0.05, 1.0, ("inconsistent",)),
+        ({"late_reference": [True, True]}, np.inf, 1.0, ("weak", "inconsistent")),
     ],
 )
 def test_readout_unreadable_group_has_no_touch_and_no_numbers(clock, std_deg, ratio, flags):
@@ -179,8 +180,8 @@ def test_readout_steps_of_the_paper_add_up():
     assert readings[25].location_mm == pytest.approx(35.0, abs=0.2)
 
 
-@pytest.mark.parametrize("location_mm", [36, 40, 41, 44])
-@pytest.mark.parametrize("wider_mm", [8, 20, 40])
+@pytest.mark.parametrize("location_mm", [36, 41, 44])
+@pytest.mark.parametrize("wider_mm", [8, 40])
 def test_readout_contact_wider_than_calibrated_is_flagged_as_long_as_it_is_held(
     wider_mm, location_mm
 ):
@@ -245,12 +246,6 @@ def test_readout_late_reference_is_flagged_inconsistent():
     ]
     flagged = ["inconsistent" in r.flags for r in readings_of(make_readout(), groups)]
     assert flagged == [True] * 9 + [False] * 5
-
-
-def test_readout_absent_tag_with_late_reference_is_flagged_weak():
-    silent = group_of(0, 1.0, std_deg=np.inf, late_reference=[True, True])
-    (reading,) = readings_of(make_readout(), [silent])
-    assert reading.touch is None and set(reading.flags) == {"inconsistent", "weak"}
 
 
 def test_readout_motion_while_touched_widens_what_is_stated():
