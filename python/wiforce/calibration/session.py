@@ -49,12 +49,12 @@ _REFUSED = {
     "reference": "the untouched reference is being measured; release the sensor and wait",
     "gap": "samples were lost",
     "saturated": "the receiver is saturated; lower the gains until nothing is clipped",
-    "moved": "the tag or an antenna moved; release the sensor, quit (q), continue",
+    "moved": "the tag or an antenna moved; release the sensor, quit (q) and start again",
     "transition": "the press changed",
 }
 _REFUSED_UNTOUCHED = {
     **_REFUSED,
-    "inconsistent": "its reference was disturbed; release the sensor, quit (q), continue",
+    "inconsistent": "its reference was disturbed; release the sensor, quit (q) and start again",
     "weak": "the tag is received too weakly",
 }
 
@@ -327,7 +327,8 @@ class CalibrationSession:
             if change > _UNTOUCHED_DEG:
                 rule = (
                     f"must have the phases of the session's start within {_UNTOUCHED_DEG:g} deg "
-                    "(is the scene's model still the same?); quit (q) and continue, or begin anew"
+                    "(is the scene's model still the same?); quit (q) and start "
+                    "again, or begin a new table"
                 )
                 raise InputError("measurement", rule, round(change, 1))
 
