@@ -152,13 +152,32 @@ def test_stream_of_a_quiet_room_keeps_the_plan(groups):
     assert_right(readings)
 
 
-def test_stream_room_that_changes_is_surveyed_with_the_tare_and_no_group_is_lost(groups):
+@pytest.fixture(scope="module")
+def quiet(groups):
+    """Readings of the quiet room."""
+    return stream(wiforce.plan(SCENE), groups["quiet"])[1]
+
+
+@pytest.fixture(scope="module")
+def changing(groups):
+    """Groups of a room that changes."""
+    return groups["quiet"][:TARE] + groups["busy"][TARE:]
+
+
+@pytest.fixture(scope="module")
+def tared(changing):
+    """The stream of that room, with a tare: reader, readings, and plans."""
+    return stream(wiforce.plan(SCENE), changing, TARE)
+
+
+def test_stream_room_that_changes_is_surveyed_with_the_tare_and_no_group_is_lost(
+    groups, quiet, changing, tared
+):
     """Somebody switches on lamps and a second tag, and tares."""
-    settings = wiforce.plan(SCENE)
-    received = groups["quiet"][:TARE] + groups["busy"][TARE:]
-    reader, readings, plans = stream(settings, received, TARE)
+    reader, readings, plans = tared
+    settings, received = plans[0], changing
     assert as_rows(stream(settings, received, TARE, 11)[1]) == as_rows(readings)
-    quiet, busy = (stream(settings, groups[name])[1] for name in ("quiet", "busy"))
+    busy = stream(settings, groups["busy"])[1]
     # The weights change when the new reference is complete and no slip can be found in it any more,
     # and nothing has touched the sensor.
     switch = TARE + settings.reference_groups + Slips(settings.group_length).unsure
@@ -234,7 +253,7 @@ def test_stream_state_is_that_of_one_receiver(groups):
     "error", [InputError("tag", "is one of two", 2), np.linalg.LinAlgError("SVD did not converge")]
 )
 def test_stream_room_that_cannot_be_planned_for_is_read_with_the_present_weights(
-    groups, monkeypatch, error
+    changing, monkeypatch, error
 ):
     """A reader that nobody attends must not end because of what a survey has found."""
 
@@ -243,40 +262,37 @@ def test_stream_room_that_cannot_be_planned_for_is_read_with_the_present_weights
 
     monkeypatch.setattr("gnuradio.wiforce.receiver.stream.readapted", fail)
     settings = wiforce.plan(SCENE)
-    received = groups["quiet"][:TARE] + groups["busy"][TARE:]
-    reader, readings, plans = stream(settings, received, TARE)
+    _, readings, plans = stream(settings, changing, TARE)
     assert all(plan is settings for plan in plans)
-    assert [reading.group for reading in readings] == list(range(len(received)))
+    assert [reading.group for reading in readings] == list(range(len(changing)))
     touched = [r for r in readings if r.touch == 1 and not r.flags]
     assert len(touched) >= 5
     assert all(abs(r.force_n - 4.0) < 4 * r.force_std_n for r in touched)
 
 
-def test_stream_room_is_surveyed_again_without_a_tare_while_nothing_is_touched(groups):
+def test_stream_room_is_surveyed_again_without_a_tare_while_nothing_is_touched(
+    quiet, changing, tared
+):
     """Nobody tells the reader that lamps were switched on: it has to find out."""
     settings = wiforce.plan(SCENE)
-    received = groups["quiet"][:TARE] + groups["busy"][TARE:]
-    reader, readings, plans = stream(settings, received, again_s=0.25)
+    reader, readings, plans = stream(settings, changing, again_s=0.25)
     # Surveys after the reference end with group 12, and with 12 + 8 + 16; 46 is the press.
     changes = [g for g in range(1, len(plans)) if plans[g] is not plans[g - 1]]
     assert changes == [36]
     assert {finding.kind for finding in reader.findings} == {"lamps", "tag"}
-    quiet = stream(settings, groups["quiet"])[1]
     assert [r.time_s for r in readings] == [r.time_s for r in quiet]
     assert as_rows(readings[:TARE]) == as_rows(quiet[:TARE])
     assert_right(readings)
-    expected = stream(settings, received, TARE)[1]
-    for got, want in zip(readings[-12:], expected[-12:], strict=True):
+    for got, want in zip(readings[-12:], tared[1][-12:], strict=True):
         assert (got.touch, got.flags) == (want.touch, want.flags)
         assert got.phase1_deg == pytest.approx(want.phase1_deg, abs=0.4)
-    for batch in (5, 11):
-        assert as_rows(stream(settings, received, None, batch, 0.25)[1]) == as_rows(readings)
+    assert as_rows(stream(settings, changing, None, 11, 0.25)[1]) == as_rows(readings)
 
 
-def test_stream_touched_groups_are_never_a_new_reference(groups):
+def test_stream_touched_groups_are_never_a_new_reference(groups, quiet):
     """A press during a survey that nobody asked for would be taken for the untouched sensor."""
     settings = wiforce.plan(SCENE)
-    press = [g for g, r in enumerate(stream(settings, groups["quiet"])[1]) if r.touch]
+    press = [g for g, r in enumerate(quiet) if r.touch]
     received = groups["quiet"][: press[0] - 5] + groups["busy"][press[0] - 5 :]
     # Surveys begin with groups 16 and 35: the second one would end with 50, in the press.
     reader, readings, plans = stream(settings, received, again_s=0.1)
