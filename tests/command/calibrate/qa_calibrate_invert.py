@@ -12,6 +12,7 @@ from command_runs import refused, succeeded
 from gnuradio.wiforce.calibration.tables import measure_vna, read_vna_csv, write_vna_csv
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import load_sensor
+from live_runs import SLOW
 
 
 @pytest.fixture(scope="module")
@@ -138,13 +139,7 @@ def write_scene(path, off, presses):
         "duration_s": 1.3, "snr_db": 10, "static_clutter_db": 50, "clock_offset_ppm": 40,
         "presses": presses,
     }  # fmt: skip
-    # A fifth of the usual rate takes a fifth of the time.
-    rates = {
-        "radio": {"sample_rate_hz": 2.5e6},
-        "sounding": {"frame_length": 400},
-        "phase_group": {"snapshots": 200},
-    }
-    scene = {"sensors": [sensor], "reference_s": 0.3, "simulation": simulation, **rates}
+    scene = {"sensors": [sensor], "reference_s": 0.3, "simulation": simulation, **SLOW}
     path.write_text(yaml.safe_dump(scene))
 
 
