@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 import yaml
 from command_runs import refused, run_command, succeeded
@@ -20,6 +21,7 @@ from gnuradio.wiforce.io.capture.names import find_captures, is_one
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from machine import wait_until
+from pyarrow import parquet
 from wiforce_app.read.read_many import Journal, ReadingJob, read_capture_file
 from wiforce_app.shell import workers
 
@@ -194,8 +196,6 @@ def test_interrupted_run_keeps_what_is_read_and_says_how_to_go_on(captures, tmp_
 
 
 def test_one_parquet_file_holds_all_captures_with_their_names(in_process, captures, tmp_path):
-    pandas = pytest.importorskip("pandas")
-    pytest.importorskip("pyarrow")
     folder, alone = captures
     whole = tmp_path / "all.parquet"
     succeeded("read", folder, "-o", whole, "--jobs", 2)
@@ -209,18 +209,11 @@ def test_one_parquet_file_holds_all_captures_with_their_names(in_process, captur
             found, wanted = rows[column].to_numpy(float), expected[column].to_numpy(float)
             assert np.array_equal(found, wanted, equal_nan=True), column
         assert list(rows["flags"]) == list(expected["flags"].fillna(""))
-    stored = pyarrow_metadata(whole)
+    stored = json.loads(parquet.read_metadata(whole).metadata[b"wiforce:captures"])
     assert yaml.safe_load(stored["day2/c"]["wiforce:scene"])["reference_s"] == 0.6
     again = run_command("read", folder, "-o", whole, "--jobs", 1)
     assert "0 of 4 captures read, 4 had been read before" in again.stderr
     assert pandas.read_parquet(whole).equals(frame)
-
-
-def pyarrow_metadata(path):
-    """What the file says of each capture."""
-    from pyarrow import parquet
-
-    return json.loads(parquet.read_metadata(path).metadata[b"wiforce:captures"])
 
 
 def test_folder_that_another_run_writes_to_is_refused(captures, tmp_path):
@@ -306,7 +299,6 @@ def test_outputs_that_are_captures_are_refused(captures, tmp_path):
 
 
 def test_whole_file_is_kept_when_no_capture_can_be_read(in_process, tmp_path):
-    pytest.importorskip("pyarrow")
     (tmp_path / "in").mkdir()
     (tmp_path / "in" / "a.sigmf-meta").write_text("{}")
     (tmp_path / "all.parquet").write_text("former")
