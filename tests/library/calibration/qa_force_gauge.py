@@ -54,22 +54,16 @@ def test_gauge_line_gives_force_of_its_unit(line, unit, force_n):
     assert gauge.mean(0.0, 1.0)[0] == pytest.approx(force_n, rel=1e-5)
 
 
-def test_gauge_mean_covers_the_interval_only():
+def test_gauge_mean_covers_the_interval_only_and_a_steady_force():
+    """A press that sags while it is measured would get the mean of two forces."""
     gauge = ForceGauge("scale")
     for time_s, force_n in ((0.1, 9.0), (1.0, 2.0), (1.2, 2.02), (1.4, 1.98), (2.0, 9.0)):
         gauge.note_force(time_s, force_n)
     assert gauge.mean(1.0, 1.5) == (pytest.approx(2.0), pytest.approx(0.02))
     force_n, std_n = gauge.mean(1.9, 2.1)
     assert force_n == 9.0 and math.isnan(std_n)
-
-
-def test_gauge_force_that_changes_is_refused():
-    """A press that sags while it is measured would get the mean of two forces."""
-    gauge = ForceGauge("scale")
-    for i in range(10):
-        gauge.note_force(0.1 * i, 3.0 - 0.05 * i)
-    with pytest.raises(InputError, match="must show a steady force.*2.55 to 3.00 N"):
-        gauge.mean(0.0, 1.0)
+    with pytest.raises(InputError, match="must show a steady force.*1.98 to 9.00 N"):
+        gauge.mean(1.0, 2.1)
 
 
 def test_gauge_that_stops_sending_is_reported_with_its_silence():

@@ -195,6 +195,12 @@ def test_rows_that_cannot_be_are_refused_by_number(own_table, rows, row, message
     refused(own_table, message)
 
 
+def test_a_jump_that_is_neither_a_turn_nor_in_the_force_is_refused(own_table, rows):
+    *start, phase = rows[70].split(",")
+    rows[70] = ",".join([*start, f"{float(phase) + 100:.4f}"])
+    refused(own_table, "row 71: phase_deg: must not jump by")
+
+
 def test_repeated_sweeps_with_equal_rounded_phases_are_repeats(own_table, rows):
     """Phases are rounded: whoever measures carefully, and again, gets equal ones."""
     once = calibrate(own_table(), "own").carrier_std_deg(FORCES, 40.0, 0)
@@ -205,12 +211,6 @@ def test_repeated_sweeps_with_equal_rounded_phases_are_repeats(own_table, rows):
     assert (
         np.mean(calibrate(own_table(), "own").carrier_std_deg(FORCES, 40.0, 0)) < 0.8 * once.mean()
     )
-
-
-def test_a_jump_that_is_neither_a_turn_nor_in_the_force_is_refused(own_table, rows):
-    *start, phase = rows[70].split(",")
-    rows[70] = ",".join([*start, f"{float(phase) + 100:.4f}"])
-    refused(own_table, "row 71: phase_deg: must not jump by")
 
 
 def test_settings_that_cannot_be_are_refused(own_table):
@@ -283,19 +283,20 @@ class Pickled:
         return self._path.write_text, ("",)
 
 
-def test_a_touchstone_file_that_is_a_pickle_runs_no_code(tmp_path):
+@pytest.mark.parametrize(
+    "name, rule",
+    [
+        ("p.s2p", "is not a Touchstone file"),
+        ("/etc/passwd", "row 2: file: must lie in the index's folder"),
+        ("a/../../x.s2p", "row 2: file: must lie in the index's folder"),
+    ],
+)
+def test_an_index_neither_runs_code_nor_leads_out_of_its_folder(tmp_path, name, rule):
     (tmp_path / "p.s2p").write_bytes(pickle.dumps(Pickled(tmp_path / "ran")))
-    index = written(tmp_path / "index.csv", ["file,force_n,location_mm", "p.s2p,1,20"])
-    with pytest.raises(InputError, match="is not a Touchstone file"):
+    index = written(tmp_path / "index.csv", ["file,force_n,location_mm", f"{name},1,20"])
+    with pytest.raises(InputError, match=rule):
         read_touchstone_index(index, 900e6)
     assert not (tmp_path / "ran").exists()
-
-
-@pytest.mark.parametrize("name", ["/etc/passwd", "a/../../x.s2p"])
-def test_an_index_cannot_lead_out_of_its_folder(tmp_path, name):
-    index = written(tmp_path / "index.csv", ["file,force_n,location_mm", f"{name},1,20"])
-    with pytest.raises(InputError, match="row 2: file: must lie in the index's folder"):
-        read_touchstone_index(index, 900e6)
 
 
 def tap_rows(law, offset_deg, noise_deg, rng):
