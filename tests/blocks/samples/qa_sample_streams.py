@@ -116,7 +116,7 @@ def test_sender_with_an_interval_sends_together_what_arrives_meanwhile():
     ours, theirs = socket.socketpair()
     sent = codes(100_000)
     flowgraph, heads = gr.top_block(), []
-    source, sender = array_source(sent), sample_sender(theirs, interval_s=0.2)
+    source, sender = array_source(sent), sample_sender(theirs, interval_s=0.1)
     source.set_max_noutput_items(1000)
     flowgraph.connect(source, sender)
     flowgraph.start()
