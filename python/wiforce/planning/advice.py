@@ -20,6 +20,7 @@ from .clocks import (
     line_numbers,
 )
 from .expected import other_sensors_pressed, phase_std_deg, receive_levels, why_not_readable
+from .loss import LONGEST
 from .plan import Plan
 from .plan import plan as plan_of
 
@@ -118,7 +119,9 @@ def warnings(plan: Plan) -> list[str]:
 
 
 def _clock_warnings(plan: Plan) -> Iterator[str]:
-    yield from assess_clocks(plan).problems
+    # Longer groups only resolve more, and would take minutes.
+    length = min(plan.group_length, LONGEST) if plan.times_s is None else plan.group_length
+    yield from assess_clocks(replace(plan, group_length=length)).problems
     if plan.waveform.repetitions == 1:
         yield (
             "only one repetition is averaged: bursts of other transmitters are not recognised, "
