@@ -23,6 +23,9 @@ WAVEFORM = sounding_waveform()
 GROUP_SAMPLES = GROUP_LENGTH * WAVEFORM.frame_length
 # Of 32768: frames stand 11 dB above the noise, so that their watch is at rest.
 FRAME_PEAK, NOISE_PEAK = 18_000, 4_000
+# Bursts of another transmitter raise the noise by 8 dB. A group has three, of 5 to 19 frames (0.3
+# to 1.1 ms), as packets of Wi-Fi have.
+BURST_PEAK, _BURSTS, _BURST_FRAMES = 9_000, 3, (5, 20)
 # Different groups, which a recording repeats.
 _KINDS = 7
 # Harmonic m of a tag at 1 kHz is bin 36 m of a group.
@@ -39,11 +42,12 @@ def tone_weights(tones):
 
 @dataclass(frozen=True)
 class Recording:
-    """The same samples as raw ``cf32_le`` and ``ci16_le``."""
+    """The same samples as raw ``cf32_le`` and ``ci16_le``; ``bursts``: in every group."""
 
     fc32: Path
     sc16: Path
     samples: int
+    bursts: bool = False
 
     @property
     def groups(self):
@@ -55,26 +59,39 @@ class Recording:
         return replace(self, samples=groups * GROUP_SAMPLES)
 
 
-def write_recording(folder, samples):
+def write_recording(folder, samples, bursts=False):
     """Writes a recording of about so many samples, in whole groups."""
     groups = max(2, samples // GROUP_SAMPLES)
-    codes = _groups()
-    files = Path(folder) / "frames.cf32", Path(folder) / "frames.ci16"
-    for file, kinds in zip(files, (codes.astype("<f4") / np.float32(32768), codes), strict=True):
+    kinds, _ = _groups(bursts)
+    path = Path(folder) / ("bursts" if bursts else "frames")
+    files = path.with_suffix(".cf32"), path.with_suffix(".ci16")
+    floats = [codes.astype("<f4") / np.float32(32768) for codes in kinds]
+    for file, parts in zip(files, (floats, kinds), strict=True):
         with open(file, "wb") as stream:
-            stream.writelines(kinds[group % _KINDS].data for group in range(groups))
+            for group in range(groups):
+                stream.write(parts[group % len(parts)])
         _settle(file)
-    return Recording(*files, groups * GROUP_SAMPLES)
+    return Recording(*files, groups * GROUP_SAMPLES, bursts)
 
 
 @cache
-def _groups():
-    """Codes (_KINDS, 2 GROUP_SAMPLES) of groups."""
+def _groups(bursts):
+    """Codes (_KINDS, 2 GROUP_SAMPLES) of groups, and frames without bursts (_KINDS, 625)."""
+    rng = np.random.default_rng(1)
     frame = WAVEFORM.frame()
     codes = (FRAME_PEAK / np.abs(frame).max() * frame).view(float).astype("<i2")
-    shape = _KINDS, 2 * GROUP_SAMPLES
-    noise = np.random.default_rng(1).integers(-NOISE_PEAK, NOISE_PEAK, shape, dtype="<i2")
-    return np.tile(codes, GROUP_LENGTH) + noise
+    noise = rng.integers(-NOISE_PEAK, NOISE_PEAK, (_KINDS, 2 * GROUP_SAMPLES), dtype="<i2")
+    groups = np.tile(codes, GROUP_LENGTH) + noise
+    quiet = np.ones((_KINDS, GROUP_LENGTH), bool)
+    for kind in range(_KINDS if bursts else 0):
+        frames = groups[kind].reshape(GROUP_LENGTH, -1)
+        for _ in range(_BURSTS):
+            first = rng.integers(GROUP_LENGTH - _BURST_FRAMES[1])
+            hit = slice(first, first + rng.integers(*_BURST_FRAMES))
+            if quiet[kind, hit].all():  # two at a time could exceed the codes
+                frames[hit] += rng.integers(-BURST_PEAK, BURST_PEAK, frames[hit].shape, "<i2")
+                quiet[kind, hit] = False
+    return groups, quiet
 
 
 def _settle(path):
@@ -87,15 +104,15 @@ def _settle(path):
 
 
 def reference_tones(recording, weights):
-    """Channel (groups, M, 64) of tones, in double precision."""
+    """Channel (groups, M, 64) of tones, without frames of bursts, in double precision."""
     repetitions = WAVEFORM.repetitions
     first, length = WAVEFORM.first_averaged, 64 * repetitions
     kinds = []
-    for codes in _groups():
+    for codes, quiet in zip(*_groups(recording.bursts), strict=True):
         samples = codes.astype(float).view(complex) / 32768
         frames = samples.reshape(GROUP_LENGTH, -1)[:, first : first + length]
         folded = frames.reshape(GROUP_LENGTH, repetitions, 64).mean(axis=1)
-        kinds.append(np.fft.fft(weights @ folded) * WAVEFORM.equalizer())
+        kinds.append(np.fft.fft(weights * quiet @ folded) * WAVEFORM.equalizer())
     return np.array(kinds)[np.arange(recording.groups) % len(kinds)]
 
 

@@ -36,6 +36,8 @@ _CHAINS = (
     ("ceiling-read", 0, 0.4),
 )
 _SCENES = {"plan-still-one-tag": "demo", "plan-busy-two-tags": "two_sensors"}
+# Compared with the rows of quiet files of 16 tones.
+_BURSTS = {"bursts-fc32": "file-fc32", "bursts-sc16": "file-sc16"}
 # Key of a ratio, and the row that it is over.
 _RATIOS = {
     "over_stock_tuned": "stock-tuned",
@@ -72,19 +74,20 @@ def speed(as_json, runs, megabytes):
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     with tempfile.TemporaryDirectory(prefix="wiforce-speed-") as place:
         samples = megabytes * 10**6 // _FC32_BYTES
-        size = samples * (_FC32_BYTES + _SC16_BYTES)
+        size = 2 * samples * (_FC32_BYTES + _SC16_BYTES)
         if size > (free := shutil.disk_usage(place).free):
-            rule = f"both files must fit on the disk, which has {free // 10**6} MB free"
+            rule = f"both recordings must fit on the disk, which has {free // 10**6} MB free"
             raise click.BadParameter(f"{rule}, got {megabytes}", param_hint="--megabytes")
-        recording = write_recording(place, samples)
+        quiet, bursts = (write_recording(place, samples, hit) for hit in (False, True))
         lines = [
-            (name, name, tone_weights(tones), recording.shortened(recording.samples * share))
+            (name, name, tone_weights(tones), quiet.shortened(quiet.samples * share))
             for name, tones, share in _CHAINS
         ]
         lines += [
-            (name, "file-sc16", plan(load_scene(scene)).table.weights, recording)
+            (name, "file-sc16", plan(load_scene(scene)).table.weights, quiet)
             for name, scene in _SCENES.items()
         ]
+        lines += [(name, chain, tone_weights(16), bursts) for name, chain in _BURSTS.items()]
         figures = np.empty((1 + runs, len(lines)))
         with progress("measuring", figures.size) as step:
             for turn in figures:

@@ -2,6 +2,7 @@
 """Benchmarks of time: chains held to double precision, and what is printed."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,6 +26,18 @@ def test_every_chain_gives_the_tones_of_the_plain_reference(recording, name):
     made.run()
     reference = reference_tones(recording, weights)
     check_tones(name, made.tones, reference)
+
+
+@pytest.mark.parametrize("name", ["file-fc32", "file-sc16"])
+def test_files_with_bursts_give_the_tones_without_the_frames_hit(tmp_path, name):
+    """A row of bursts that nothing rejects would be as fast as a quiet one."""
+    recording, weights = write_recording(tmp_path, 2_000_000, bursts=True), tone_weights(4)
+    made = CHAINS[name](recording, weights)
+    made.run()
+    reference = reference_tones(recording, weights)
+    check_tones(name, made.tones, reference)
+    with pytest.raises(ValueError, match="off"):
+        check_tones(name, made.tones, reference_tones(replace(recording, bursts=False), weights))
 
 
 def test_tones_that_are_off_are_refused(recording):
