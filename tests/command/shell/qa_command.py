@@ -122,7 +122,7 @@ def test_list_shows_shipped_names_with_a_description():
             "--scene: must have no packets: a radio gives samples",
         ),
         (["read", "demo", "paper_900"], "demo: is a scene and not a capture; give it by --scene"),
-        (["bench", "speed", "--megabytes", "99999999999"], "both files must fit on the disk"),
+        (["bench", "speed", "--megabytes", "99999999999"], "both recordings must fit on the disk"),
     ],
 )
 def test_command_bad_usage_gives_one_line_and_status_2(tmp_path, arguments, message):
