@@ -29,6 +29,8 @@ _CALIBRATION_NOISE_DEG = 0.2
 _FORCE_LIMIT_N = 0.15
 _LOCATION_LIMIT_MM = 0.3
 
+_SHOWN_EACH = 3  # of the readings, one of so many is printed, as the heading says
+
 # Files in the folder; the scene's first line marks those of an earlier demo.
 _FILES = (
     "scene.yaml",
@@ -77,11 +79,12 @@ def demo(folder):
     click.echo(f"3. read the capture {'through' if has_gnuradio else 'without'} GNU Radio")
     readings = _read(scene, folder, _run_flowgraph if has_gnuradio else _run_library)
     truth = read_truth(folder / "demo.truth.csv")
+    _show(readings, truth)
     title = "gr-wiforce demo: readings and truth"
     plot_readings(readings, folder / "readings.png", title, truth, line.length_mm)
     result = score(readings, truth, scene.sensors[0].name)
     click.echo(
-        f"median error over {len(result.force_error_n)} touched groups: "
+        f"\nmedian error over {len(result.force_error_n)} touched groups: "
         f"force {result.median_force_n:.3f} N (limit {_FORCE_LIMIT_N}), "
         f"location {result.median_location_mm:.3f} mm (limit {_LOCATION_LIMIT_MM})"
     )
@@ -146,3 +149,19 @@ def _run_library(capture, scene, on_reading):
     for batch in RecordingReader(open_capture(capture), scene, frame_offset=0):
         for reading in batch:
             on_reading(reading)
+
+
+def _show(readings, truth):
+    """Print every third touched reading without a flag."""
+    rows = {(round(row["time_s"], 4), row["sensor"]): row for row in truth}
+    click.echo(
+        "\none reading in three of those touched and without a flag; +-: two standard deviations"
+    )
+    click.echo("     time (s)      force (N)  truth     location (mm)  truth")
+    for each in [each for each in readings if each.touch and not each.flags][::_SHOWN_EACH]:
+        row = rows[(round(each.time_s, 4), each.sensor)]
+        click.echo(
+            f"  {each.time_s:14.3f}   {each.force_n:5.2f} +-{2 * each.force_std_n:4.2f}"
+            f" {row['force_n']:6.2f}   {each.location_mm:6.2f} +-{2 * each.location_std_mm:4.2f}"
+            f" {row['location_mm']:6.2f}"
+        )

@@ -3,6 +3,7 @@
 
 import csv
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -35,6 +36,9 @@ def test_demo_reaches_its_limits_and_draws_a_picture(demo):
     assert done.returncode == 0, done.stdout + done.stderr
     assert "median error over" in done.stdout
     assert (folder / "readings.png").read_bytes().startswith(b"\x89PNG")
+    rows = [list(map(float, re.findall(r"\d+\.\d+", line))) for line in demo[1].stdout.splitlines()]
+    rows = [row for row in rows if len(row) == 7]  # time, then value, deviation and truth of both
+    assert len(rows) > 5 and all(abs(force - true) < 0.5 for _, force, _, true, *_ in rows)
 
 
 def test_read_csv_on_stdout_and_json_lines_in_file_agree(demo, printed, read_args, tmp_path):
