@@ -277,7 +277,7 @@ def paper_errors(scene, index, changes, truth, detrend):
         np.exp(1j * angles), model.untouched_deg(frequency), sensor.off_reflection
     )
     found = model.invert(phases, frequency_hz=frequency)
-    # Steady touches are told by the truth; where nothing is found, force and location are NaN.
+    # Steady touches are known from the truth; where nothing is found, force and location are NaN.
     readings = [
         Reading(time, sensor.name, 1, force, None, location, None, *pair)
         for time, force, location, pair in zip(
