@@ -20,7 +20,7 @@ void press_filter::remain_untouched(const explanation& from, double probability)
 
 void press_filter::turn_suddenly(const explanation& from, double probability)
 {
-    const double variance = squared(d_set.turn_deg * deg);
+    const double variance = sudden_turn_variance();
     const phase_covariance turned{ variance, variance, variance };
     auto* const next = follow(from, probability, phase_peak(turned));
     if (!next)
@@ -174,7 +174,7 @@ void press_filter::move_line(const explanation& from, double probability)
 {
     if (!from.line.known)
         return;
-    const double variance = squared(d_set.turn_deg * deg);
+    const double variance = sudden_turn_variance();
     auto* const next = follow(from, probability, phase_peak({ variance, variance }));
     if (!next)
         return;
@@ -205,7 +205,7 @@ void press_filter::move_beside_press(const explanation& from, double probability
 {
     if (!from.line.known)
         return;
-    const double variance = squared(d_set.turn_deg * deg);
+    const double variance = sudden_turn_variance();
     for (const pair_of_ends& ends : { pair_of_ends{ 1, 0 }, { 0, 1 }, { 1, 1 } }) {
         const phase_covariance moved{ ends[0] * variance, ends[1] * variance };
         auto* const next = follow(from, probability / 3, phase_peak(moved));

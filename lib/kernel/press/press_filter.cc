@@ -258,7 +258,7 @@ void press_filter::with_courses(const explanation& from,
     const double turns = turn_probability(from);
     event(from, probability * (1 - turns));
     course(turns, [&](explanation& other) {
-        const double variance = squared(d_set.turn_deg * deg);
+        const double variance = sudden_turn_variance();
         other.turn.sudden = true;
         other.line.common.widen(variance);
         other.press.motion.widen({ variance, variance, variance });
@@ -488,6 +488,12 @@ double press_filter::between_groups() const
 {
     const double inside = d_set.period_s / (d_set.period_s + unseen_s);
     return 1 - inside * d_set.period_s / d_elapsed_s;
+}
+
+// rad^2; of a line that a cable moves as well.
+double press_filter::sudden_turn_variance() const
+{
+    return squared(d_set.turn_deg * deg);
 }
 
 double press_filter::going_on() const { return std::exp(-d_elapsed_s / d_set.steady_s); }
