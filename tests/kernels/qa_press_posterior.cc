@@ -3,6 +3,7 @@
 
 #include <boost/test/unit_test.hpp>
 
+#include <array>
 #include <cmath>
 #include <vector>
 
@@ -58,28 +59,39 @@ struct found {
     std::uint8_t flags;
 };
 
-found invert(const press_posterior& posterior, double psi_1, double psi_2, double std)
+using pair = std::array<double, 2>;
+
+found invert(const press_posterior& posterior,
+             double psi_1,
+             double psi_2,
+             double std,
+             const pair& shared = {})
 {
     const double phases[] = { psi_1, psi_2 }, stds[] = { std, std };
     press_posterior::workspace work;
     found result;
-    result.flags = posterior.invert({ phases, stds, nullptr }, work, result.press);
+    result.flags =
+        posterior.invert({ phases, stds, nullptr, shared.data() }, work, result.press);
     return result;
 }
 
 constexpr double consistent = 11.83;
 
 // The posterior added up on a fine grid of force and location.
-std::vector<double>
-brute_force(const line& sensor, double psi_1, double psi_2, double std)
+std::vector<double> brute_force(
+    const line& sensor, double psi_1, double psi_2, double std, const pair& shared = {})
 {
+    const double a = std * std + variance_1 + shared[0] * shared[0],
+                 b = std * std + variance_2 + shared[1] * shared[1],
+                 ab = shared[0] * shared[1];
     double sums[6] = {};
     for (double force = first_n + 0.005; force < last_n; force += 0.01)
         for (double l = 25.005; l < 55; l += 0.01) {
             const double r1 = psi_1 - sensor.phase(0, force, l),
                          r2 = psi_2 - sensor.phase(1, force, l);
-            const double w = std::exp(-0.5 * (r1 * r1 / (std * std + variance_1) +
-                                              r2 * r2 / (std * std + variance_2)));
+            const double w =
+                std::exp(-0.5 * (b * r1 * r1 + a * r2 * r2 - 2 * ab * r1 * r2) /
+                         (a * b - ab * ab));
             const double values[] = { 1, force, l, force * force, l * l, force * l };
             for (int i = 0; i < 6; i++)
                 sums[i] += w * values[i];
@@ -120,6 +132,31 @@ BOOST_AUTO_TEST_CASE(posterior_wide_or_narrow_has_the_moments_of_a_fine_grid)
                 BOOST_TEST(std::abs(press.covariance - expected[4]) <
                            0.02 * force_std * location_std);
             }
+}
+
+BOOST_AUTO_TEST_CASE(error_that_both_phases_share_has_the_moments_of_a_fine_grid)
+{
+    const line sensor{ 60 };
+    const press_posterior posterior(sensor.table(), everywhere(), consistent);
+    const double psi_1 = sensor.phase(0, 4, 40), psi_2 = sensor.phase(1, 4, 40);
+    for (const pair& shared : { pair{ 1, 1 }, { 1.5, 0.5 }, { 2, -2 } }) {
+        const auto press = invert(posterior, psi_1, psi_2, 0.3, shared).press;
+        const auto expected = brute_force(sensor, psi_1, psi_2, 0.3, shared);
+        const double force_std = std::sqrt(expected[2]);
+        // The mode, whose covariance is that of phases linear in force.
+        BOOST_TEST(std::abs(press.force - expected[0]) < 0.3 * force_std);
+        BOOST_TEST(press.force_variance == expected[2],
+                   boost::test_tools::tolerance(0.4));
+        BOOST_TEST(press.location_variance == expected[3],
+                   boost::test_tools::tolerance(0.1));
+    }
+    // Of one sign it is force, of opposite ones it is location.
+    const auto alone = invert(posterior, psi_1, psi_2, 0.3).press,
+               common = invert(posterior, psi_1, psi_2, 0.3, { 2, 2 }).press,
+               apart = invert(posterior, psi_1, psi_2, 0.3, { 2, -2 }).press;
+    BOOST_TEST(common.force_variance > 10 * alone.force_variance);
+    BOOST_TEST(common.force_variance > 2 * apart.force_variance);
+    BOOST_TEST(apart.location_variance > 2 * common.location_variance);
 }
 
 BOOST_AUTO_TEST_CASE(force_that_no_phase_shows_is_unobservable)

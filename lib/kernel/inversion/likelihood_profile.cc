@@ -110,19 +110,25 @@ WIFORCE_CLONES
 void location_scan::misfits(std::size_t force, const target& wanted, float* misfit) const
 {
     const auto count = d_location.size();
-    std::fill(misfit, misfit + count, 0.0F);
+    auto *const along = misfit + count, *const square = along + count;
+    std::fill(misfit, misfit + 3 * count, 0.0F);
     for (std::size_t p = 0; p < d_phases; p++) {
         const auto* const phase = &d_phase[(force * d_phases + p) * count];
         const auto* const slack = &d_slack[(force * d_phases + p) * count];
         const std::uint32_t psi = wanted.phase[p];
-        const float noise = wanted.variance[p];
+        const float noise = wanted.variance[p], shared = wanted.shared[p];
         for (std::size_t j = 0; j < count; j++) {
             const float error =
                 static_cast<float>(static_cast<std::int32_t>(psi - phase[j])) *
                 static_cast<float>(deg_per_count);
-            misfit[j] += error * error / (noise + slack[j]);
+            const float weight = 1 / (noise + slack[j]);
+            misfit[j] += error * error * weight;
+            along[j] += error * shared * weight;
+            square[j] += shared * shared * weight;
         }
     }
+    for (std::size_t j = 0; j < count; j++)
+        misfit[j] -= along[j] * along[j] / (1 + square[j]);
 }
 
 bool location_scan::beyond_quarter_turn(std::size_t force,
@@ -149,10 +155,10 @@ std::size_t location_scan::find(std::size_t force,
         float misfit;
     };
     const auto count = d_location.size();
-    misfit.resize(count);
+    misfit.resize(3 * count);
     misfits(force, wanted, misfit.data());
     const std::size_t best =
-        std::min_element(misfit.begin(), misfit.end()) - misfit.begin();
+        std::min_element(misfit.begin(), misfit.begin() + count) - misfit.begin();
     std::array<minimum, most_found> kept;
     std::size_t found = 0;
     for (std::size_t j = 0; j < count; j++) {
@@ -323,6 +329,7 @@ void likelihood_profile::draw_rough(const phase_reading& wanted, branches& out) 
         target.phase[p] = location_scan::counts(wanted.phase[p]);
         target.variance[p] =
             static_cast<float>(std::max(wanted.std[p] * wanted.std[p], least_noise));
+        target.shared[p] = wanted.shared ? static_cast<float>(wanted.shared[p]) : 0;
     }
     for (std::size_t k = 0; k < out.forces; k++) {
         double location[location_scan::most_found];

@@ -24,11 +24,12 @@ public:
     //! A phase (deg) modulo 360, in 2^-32 turns.
     static std::uint32_t counts(double phase_deg);
 
-    //! The phases to be explained, in 2^-32 turns, and the variance of their noise
-    //! (deg^2).
+    //! The phases to be explained, in 2^-32 turns, the variance of their noise (deg^2),
+    //! and what one standard deviation of an error that all share adds to each (deg).
     struct target {
         std::uint32_t phase[tabulated_model::most_phases];
-        float variance[tabulated_model::most_phases];
+        float variance[tabulated_model::most_phases],
+            shared[tabulated_model::most_phases];
     };
 
     //! Scans the forces at these nodes of the table.

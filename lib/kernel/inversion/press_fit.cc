@@ -25,13 +25,51 @@ constexpr double unobservable_n = 0.5;
 // and knowing the location would cut that by this factor.
 constexpr double unobservable_ratio = 2.5;
 
-double total_variance(const phase_reading& wanted,
-                      const tabulated_model::values& at,
-                      std::size_t p)
+// Errors in standard deviations, uncorrelated. The covariance D + c c' of noise D and an
+// error c that all share is that of D^(1/2) (I + h h') D^(1/2) with h = D^(-1/2) c, which
+// is whitened along h by 1 / sqrt(1 + h'h).
+class whitening
 {
-    return std::clamp(
-        wanted.std[p] * wanted.std[p] + at.variance[p], least_variance, most_variance);
-}
+public:
+    whitening(const phase_reading& wanted,
+              const tabulated_model::values& at,
+              std::size_t phases)
+        : d_phases(phases)
+    {
+        double square = 0;
+        for (std::size_t p = 0; p < phases; p++) {
+            const double variance =
+                std::clamp(wanted.std[p] * wanted.std[p] + at.variance[p],
+                           least_variance,
+                           most_variance);
+            d_determinant *= variance;
+            d_scale[p] = 1 / std::sqrt(variance);
+            d_along[p] = wanted.shared ? wanted.shared[p] * d_scale[p] : 0;
+            square += d_along[p] * d_along[p];
+        }
+        d_determinant *= 1 + square;
+        d_less = square > 0 ? (1 - 1 / std::sqrt(1 + square)) / square : 0;
+    }
+
+    void apply(double* values) const
+    {
+        double along = 0;
+        for (std::size_t p = 0; p < d_phases; p++) {
+            values[p] *= d_scale[p];
+            along += values[p] * d_along[p];
+        }
+        for (std::size_t p = 0; p < d_phases; p++)
+            values[p] -= d_less * along * d_along[p];
+    }
+
+    //! Of the covariance.
+    double determinant() const { return d_determinant; }
+
+private:
+    std::size_t d_phases;
+    double d_scale[tabulated_model::most_phases], d_along[tabulated_model::most_phases];
+    double d_determinant = 1, d_less;
+};
 
 double wrap(double deg)
 {
@@ -79,18 +117,23 @@ void press_fit::at_force(const phase_reading& wanted,
     const double left = d_model.location_mm().front(),
                  right = d_model.location_mm().back();
     tabulated_model::values model;
-    double error[tabulated_model::most_phases], variance[tabulated_model::most_phases];
-    double move = 0, information = 0, gradient_before = 0;
+    double error[tabulated_model::most_phases], slope[tabulated_model::most_phases];
+    double move = 0, information = 0, gradient_before = 0, determinant = 1;
     for (int round = 0; round < most_rounds; round++) {
         d_model.interpolate(at.steps, at.location, model);
         double gradient = 0;
         information = 0;
         for (std::size_t p = 0; p < phases; p++) {
             error[p] = wrap(wanted.phase[p] - model.phase[p]);
-            variance[p] = total_variance(wanted, model, p);
-            const double weighted = model.by_location[p] / variance[p];
-            gradient += weighted * error[p];
-            information += weighted * model.by_location[p];
+            slope[p] = model.by_location[p];
+        }
+        const whitening white(wanted, model, phases);
+        white.apply(error);
+        white.apply(slope);
+        determinant = white.determinant();
+        for (std::size_t p = 0; p < phases; p++) {
+            gradient += slope[p] * error[p];
+            information += slope[p] * slope[p];
         }
         if (wanted.location)
             break;
@@ -112,14 +155,12 @@ void press_fit::at_force(const phase_reading& wanted,
     }
     // no more can be unknown than the line is long
     information = std::max(information, 12 / ((right - left) * (right - left)));
-    double largest = 0, product = wanted.location ? 1.0 : information;
+    double largest = 0;
     for (std::size_t p = 0; p < phases; p++) {
-        at.residual[p] =
-            (error[p] - model.by_location[p] * move) / std::sqrt(variance[p]);
-        product *= variance[p];
+        at.residual[p] = error[p] - slope[p] * move;
         largest = std::max(largest, wanted.std[p]);
     }
-    at.scale = 1 / std::sqrt(product);
+    at.scale = 1 / std::sqrt(determinant * (wanted.location ? 1.0 : information));
     at.variance = wanted.location ? 0.0 : 1 / information;
     at.unobservable = !wanted.location && hides_force(model, phases, at.force, largest);
 }
@@ -135,16 +176,22 @@ press_fit::best(const phase_reading& wanted, double steps, double location) cons
         d_model.interpolate(steps, location, at);
         // Gauss-Newton, by nodes of force and by location
         double ff = 0, fl = 0, ll = 0, f = 0, l = 0;
+        double error[tabulated_model::most_phases], by_step[tabulated_model::most_phases],
+            by_location[tabulated_model::most_phases];
         for (std::size_t p = 0; p < d_model.phases(); p++) {
-            const double error = wrap(wanted.phase[p] - at.phase[p]);
-            const double weight = 1 / total_variance(wanted, at, p);
-            const double by_step = at.by_log_force[p] * d_model.log_force_step(),
-                         by_location = wanted.location ? 0.0 : at.by_location[p];
-            ff += weight * by_step * by_step;
-            fl += weight * by_step * by_location;
-            ll += weight * by_location * by_location;
-            f += weight * by_step * error;
-            l += weight * by_location * error;
+            error[p] = wrap(wanted.phase[p] - at.phase[p]);
+            by_step[p] = at.by_log_force[p] * d_model.log_force_step();
+            by_location[p] = wanted.location ? 0.0 : at.by_location[p];
+        }
+        const whitening white(wanted, at, d_model.phases());
+        for (auto* each : { error, by_step, by_location })
+            white.apply(each);
+        for (std::size_t p = 0; p < d_model.phases(); p++) {
+            ff += by_step[p] * by_step[p];
+            fl += by_step[p] * by_location[p];
+            ll += by_location[p] * by_location[p];
+            f += by_step[p] * error[p];
+            l += by_location[p] * error[p];
         }
         if (wanted.location)
             ll = 1;

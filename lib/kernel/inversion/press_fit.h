@@ -8,16 +8,19 @@
 namespace gr::wiforce::kernel {
 
 //! What is to be explained: phases (deg, modulo 360), standard deviations of their noise
-//! (deg), and the location (mm) where it is known, else null.
+//! (deg), and the location (mm) where it is known, else null. `shared` is what one
+//! standard deviation of an error that all phases share adds to each (deg); null for
+//! none.
 struct phase_reading {
-    const double *phase, *std, *location;
+    const double *phase, *std, *location, *shared = nullptr;
 };
 
 /*!
  * \brief Weighted least squares of a press: of its location at a given force, and of
  * both.
  *
- * The weights are the inverse of the noise's variance and the model's together.
+ * The weights are the inverse of the covariance of the noise and the model's error
+ * together.
  */
 class press_fit
 {
@@ -29,7 +32,8 @@ public:
         double variance;   //!< of the location at this force, mm^2
         double scale;      //!< of the likelihood integrated over location
         bool unobservable; //!< force and location cannot be distinguished here
-        double residual[tabulated_model::most_phases]; //!< in standard deviations
+        double residual[tabulated_model::most_phases]; //!< in standard deviations,
+                                                       //!< uncorrelated
     };
 
     //! A press and its covariance, N and mm.

@@ -18,12 +18,9 @@ constexpr double degrees = 180 / M_PI;
 // be hidden.
 constexpr double disturbed_deg = 1.0;
 // Standard deviations beyond which a reading is wrong. That of a mixture is no such
-// limit: an explanation of weight w may lie 1 / sqrt(w) away, so that none is left
-// farther than this.
+// limit: an explanation of weight w may lie 1 / sqrt(w) away, so that each, with its own
+// deviation, is held within.
 constexpr double far = 5.0;
-// Gauss-Hermite quadrature of a normal variable: nodes in standard deviations, weights.
-constexpr double nodes[] = { 0.0, -1.7320508075688772, 1.7320508075688772 };
-constexpr double shares[] = { 2.0 / 3, 1.0 / 6, 1.0 / 6 };
 // Of an off state, for the derivative of a phase by it.
 constexpr double off_step = 1e-4;
 
@@ -51,22 +48,24 @@ press_reading::press_reading(const press_posterior& posterior,
 {
 }
 
-// R against the untouched line of an explanation, turned by `common`.
-std::array<complex, 2> press_reading::level(const press_outcome& of, double common) const
+// R against the untouched line of an explanation.
+std::array<complex, 2> press_reading::level(const press_outcome& of)
 {
     std::array<complex, 2> found;
     for (int end = 0; end < 2; end++)
         found[end] = std::exp(complex(of.mean.amplitude[end] - of.amplitude,
-                                      of.mean.phase[end] - of.baseline[end] - common));
+                                      of.mean.phase[end] - of.baseline[end]));
     return found;
 }
 
-// psi of both ends and their standard deviations (docs/theory.md, The off state).
+// psi of both ends, and standard deviations of the error of each and of that which both
+// share, with its sign (docs/theory.md, The off state).
 press_reading::phases press_reading::phases_of(const press_outcome& of,
                                                const std::array<complex, 2>& level,
                                                double common_variance) const
 {
     phases found;
+    const double apart = of.difference_variance / 4, both = common_variance - apart;
     for (int end = 0; end < 2; end++) {
         const complex off = d_sensor.off[end],
                       start = std::polar(1.0, d_sensor.untouched_rad[end]);
@@ -79,7 +78,7 @@ press_reading::phases press_reading::phases_of(const press_outcome& of,
                 ? std::norm(switched) / (switched * std::conj(reflection)).real()
                 : std::abs(switched) / std::abs(reflection);
         double variance =
-            of.mean.variance[end] + of.difference_variance / 4 + common_variance;
+            of.mean.variance[end] + common_variance + apart - std::abs(both);
         if (d_sensor.tag_ratio) {
             // A ratio of antennas (S_1 + T_1) / (S_2 + T_2) is not linear in the tag: an
             // error of Im[(1 - R) T_2 / S_2], at a phase that is unknown.
@@ -99,7 +98,9 @@ press_reading::phases press_reading::phases_of(const press_outcome& of,
             std = std::hypot(std, d_sensor.off_std * error);
         }
         found.deg[end] = wrapped_deg(reflection);
-        found.std_deg[end] = std;
+        found.own_deg[end] = std;
+        found.shared_deg[end] =
+            degrees * std::sqrt(std::abs(both)) * slope * (end && both < 0 ? -1 : 1);
     }
     return found;
 }
@@ -140,12 +141,13 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
         found.flags |= d_bits.ambiguous;
     if (turning > 0.5)
         found.flags |= d_bits.moved;
-    found.level = level(*of.first, 0);
+    found.level = level(*of.first);
     const auto best =
         phases_of(*of.first, found.level, of.first->common_variance + of.common_variance);
     found.phases_deg = best.deg;
-    found.std_deg = best.std_deg;
-    const double larger = std::max(best.std_deg[0], best.std_deg[1]);
+    for (int end = 0; end < 2; end++)
+        found.std_deg[end] = std::hypot(best.own_deg[end], best.shared_deg[end]);
+    const double larger = std::max(found.std_deg[0], found.std_deg[1]);
     // A change of this tag leaves a residual of its own.
     if (of.disturbed && larger > disturbed_deg && !changes)
         found.flags |= d_bits.inconsistent;
@@ -175,34 +177,35 @@ void press_reading::invert(const group& of,
         }
     };
     std::vector<solution> solutions;
-    solutions.reserve(3 * of.count);
+    solutions.reserve(of.count);
     double total = 0;
     for (std::size_t i = 0; i < of.count; i++) {
         const auto& each = of.first[i];
         if (i && !(each.is == pressed && each.known))
             continue;
-        const double common = std::sqrt(each.common_variance + of.common_variance);
-        for (int node = 0; node < 3; node++) {
-            const auto phases = phases_of(each, level(each, common * nodes[node]), 0);
-            press_fit::press press;
-            const auto code = d_posterior.invert(
-                { phases.deg.data(), phases.std_deg.data(), nullptr }, work, press);
-            // Flags are those of the likeliest explanation, at the middle of its common
-            // phase. Phases that changed inside the group are those of no press.
-            if (!i && !node && each.is != mixed)
-                to.flags |= (code & ambiguous ? d_bits.ambiguous : 0) |
-                            (code & force_unobservable ? d_bits.force_unobservable : 0) |
-                            (code & inconsistent ? d_bits.inconsistent : 0) |
-                            (code & extrapolated ? d_bits.extrapolated : 0);
-            if (!std::isfinite(press.force) || !std::isfinite(press.location))
-                continue;
-            const double weight = each.weight * shares[node];
-            total += weight;
-            solutions.push_back({ weight,
-                                  { press.force, press.location },
-                                  { press.force_variance,
-                                    press.location_variance + d_sensor.ruler_mm2 } });
-        }
+        const auto phases =
+            phases_of(each, level(each), each.common_variance + of.common_variance);
+        press_fit::press press;
+        const auto code = d_posterior.invert({ phases.deg.data(),
+                                               phases.own_deg.data(),
+                                               nullptr,
+                                               phases.shared_deg.data() },
+                                             work,
+                                             press);
+        // Flags are those of the likeliest explanation. Phases that changed inside the
+        // group are those of no press.
+        if (!i && each.is != mixed)
+            to.flags |= (code & ambiguous ? d_bits.ambiguous : 0) |
+                        (code & force_unobservable ? d_bits.force_unobservable : 0) |
+                        (code & inconsistent ? d_bits.inconsistent : 0) |
+                        (code & extrapolated ? d_bits.extrapolated : 0);
+        if (!std::isfinite(press.force) || !std::isfinite(press.location))
+            continue;
+        total += each.weight;
+        solutions.push_back(
+            { each.weight,
+              { press.force, press.location },
+              { press.force_variance, press.location_variance + d_sensor.ruler_mm2 } });
     }
     double means[2], stds[2];
     for (int column = 0; column < 2; column++) {
@@ -211,13 +214,11 @@ void press_reading::invert(const group& of,
             first += each.weight * each.mean[column];
         first /= total;
         for (const auto& each : solutions) {
-            const double away = each.mean[column] - first;
-            second += each.weight * (each.own(column) + away * away);
-            farthest = std::max(farthest, std::abs(away));
+            const double away = each.mean[column] - first, own = each.own(column);
+            second += each.weight * (own + away * away);
+            farthest = std::max(farthest, std::abs(away) + std::sqrt(own));
         }
         means[column] = first;
-        if (!solutions.empty()) // what is read lies beside its node as all readings do
-            farthest += 2 * std::sqrt(solutions.front().own(column));
         stds[column] = std::max(std::sqrt(second / total), farthest / far);
     }
     to.force_n = means[0];

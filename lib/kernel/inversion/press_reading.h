@@ -15,9 +15,8 @@ namespace gr::wiforce::kernel {
  * \brief Touch, force, location and flags of a sensor's group: the mean over all that may
  * have happened to it.
  *
- * The likeliest explanation and all others that hold a press are inverted, at three
- * values of the phase that both ends have in common, which stand for its normal
- * distribution.
+ * The likeliest explanation and all others that hold a press are inverted, with the
+ * covariance of both phases.
  */
 class press_reading
 {
@@ -80,9 +79,9 @@ public:
 
 private:
     struct phases {
-        pair deg, std_deg;
+        pair deg, own_deg, shared_deg;
     };
-    std::array<complex, 2> level(const press_outcome& of, double common) const;
+    static std::array<complex, 2> level(const press_outcome& of);
     phases phases_of(const press_outcome& of,
                      const std::array<complex, 2>& level,
                      double common_variance) const;
