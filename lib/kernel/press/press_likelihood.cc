@@ -518,8 +518,8 @@ press_filter::outcome press_filter::describe(const explanation& of) const
     const auto common = of.line.common.estimate(), apart = of.line.difference.estimate();
     // The slowest may be a finger that warms the line: the deviation of the force holds
     // it. What a hand near an untouched sensor turns is no motion of the tag.
-    const bool turns = of.turn.goes_on &&
-                       (of.turn.by_hand ? of.is != untouched : of.turn.speed > 0);
+    const bool turns =
+        of.turn.goes_on && (of.turn.by_hand ? of.is != untouched : of.turn.speed > 0);
     return { 0,
              0,
              of.is,
