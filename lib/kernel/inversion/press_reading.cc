@@ -77,8 +77,7 @@ press_reading::phases press_reading::phases_of(const press_outcome& of,
             d_sensor.off_states_differ
                 ? std::norm(switched) / (switched * std::conj(reflection)).real()
                 : std::abs(switched) / std::abs(reflection);
-        double variance =
-            of.mean.variance[end] + common_variance + apart - std::abs(both);
+        double variance = of.mean.variance[end] + 2 * std::min(common_variance, apart);
         if (d_sensor.tag_ratio) {
             // A ratio of antennas (S_1 + T_1) / (S_2 + T_2) is not linear in the tag: an
             // error of Im[(1 - R) T_2 / S_2], at a phase that is unknown.

@@ -127,19 +127,18 @@ double drift_bank::carry(drift_bank& other, double phase, double noise, double m
 double drift_bank::update(double phase, double noise, double memory, double lowest)
 {
     double least = 1e300, after = 0, kept = 0;
-    std::array<double, most_rates> square, narrowness;
+    std::array<double, most_rates> square, relative;
     // The means lie close together, so that one of them says how often to wrap.
     const double first = d_mean[0], first_off = wrapped(phase - first);
     for (std::size_t i = 0; i < d_count; i++) {
         const double variance = d_variance[i] + noise,
                      off = first_off + first - d_mean[i], gain = d_variance[i] / variance;
         square[i] = off * off / variance;
-        narrowness[i] = 1 / std::sqrt(variance);
+        relative[i] = 1 / std::sqrt(variance);
         least = std::min(least, square[i]);
         d_mean[i] += gain * off;
         d_variance[i] = std::max(d_variance[i] * (1 - gain), least_variance);
     }
-    auto& relative = narrowness;
     for (std::size_t i = 0; i < d_count; i++) {
         relative[i] *= std::exp((least - square[i]) / 2);
         after += d_weight[i] * relative[i];

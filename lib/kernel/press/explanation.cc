@@ -125,6 +125,12 @@ void both_amplitudes::merge(const both_amplitudes& other, double share)
                 share);
 }
 
+both_ends both_amplitudes::at(const pair_of_ends& phase) const
+{
+    return { std::polar(std::exp(mean + difference / 2), phase[0]),
+             std::polar(std::exp(mean - difference / 2), phase[1]) };
+}
+
 void both_amplitudes::grow(const pair_of_ends& by)
 {
     mean += (by[0] + by[1]) / 2;

@@ -83,6 +83,8 @@ private:
 struct both_amplitudes {
     double mean = 0, difference = 0, mean_variance = 0, difference_variance = 0;
 
+    //! Ratios of these amplitudes.
+    both_ends at(const pair_of_ends& phase) const;
     void grow(const pair_of_ends& by);
     void merge(const both_amplitudes& other, double share);
     //! Take both as they are seen, the difference with four times the noise of the mean;
@@ -106,6 +108,8 @@ struct explanation {
     struct untouched_line : drifting_phases {
         both_amplitudes amplitude;
         bool known = true; // a press may have begun before the first group
+
+        both_ends ratio() const { return amplitude.at(phase()); }
     } line;
 
     //! The tag or an antenna turns, or a hand comes near, which changes amplitudes too.
@@ -152,8 +156,6 @@ struct explanation {
     average_of_groups mean;
     press_outcome now, last;
 
-    //! The state, or that before the groups in which something changes.
-    press_state state_before_change() const { return is == mixed ? mixture.before : is; }
     pair_of_ends change(const pair_of_ends& phase) const; // against the untouched line
     //! Counted from where everything has turned and grown by this.
     void recount(const pair_of_ends& phase, const pair_of_ends& gain);

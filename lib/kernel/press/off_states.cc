@@ -61,13 +61,13 @@ double off_states::slope(const pair_of_ends& change) const
     return d_end[0].slope(change[0]) - d_end[1].slope(change[1]);
 }
 
-double off_states::variance(const pair_of_ends& from, const pair_of_ends& to) const
+double off_states::variance(const pair_of_ends& change) const
 {
     if (d_std == 0)
         return 0;
     double sum = 0;
     for (int e = 0; e < 2; e++)
-        sum += std::norm(d_end[e].sensitivity(to[e]) - d_end[e].sensitivity(from[e]));
+        sum += std::norm(d_end[e].sensitivity(change[e]));
     return d_std * d_std * sum;
 }
 

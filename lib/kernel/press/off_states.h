@@ -38,9 +38,9 @@ public:
     pair_of_ends amplitude(const pair_of_ends& change) const;
     //! By how much their difference grows where both phases do, Np per rad.
     double slope(const pair_of_ends& change) const;
-    //! Variance, Np^2, of what this difference changes by between two presses, by what is
-    //! unknown of the off states.
-    double variance(const pair_of_ends& from, const pair_of_ends& to) const;
+    //! Variance, Np^2, of what this difference changes by with phases, by what is unknown
+    //! of the off states.
+    double variance(const pair_of_ends& change) const;
 
 private:
     struct end {

@@ -25,7 +25,7 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     auto* const next = follow(from, probability, phase_peak(turned));
     if (!next)
         return;
-    next->turn.seen += sees_turns(from, from.is);
+    next->turn.seen += sees_turns(from);
     if (from.is != untouched)
         next->age_s = 0;
     next->turn.goes_on = next->press.steady = next->turn.by_hand = false;
@@ -50,7 +50,7 @@ void press_filter::turn_slowly(
     if (from.is != untouched)
         next->age_s = 0; // as after a change of force, which looks the same at mid-line
     // What a finger turns says nothing of how often the tag turns.
-    next->turn.seen += how == course::begins && !near && sees_turns(from, from.is);
+    next->turn.seen += how == course::begins && !near && sees_turns(from);
     const bool begins = how == course::begins || how == course::warms;
     if (begins)
         begin_turn(*next);
@@ -102,9 +102,8 @@ double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
         to.hand.quiet_amplitude += grown;
     to.turn.velocity = to.press.motion.means()[2];
     if (to.is == untouched) {
-        const auto sure = to.press.motion.covariance();
         to.line.common.reset(to.line.common.estimate().mean,
-                             (sure.first + sure.second + 2 * sure.both) / 4);
+                             to.press.motion.variances()[0]);
         to.line.amplitude = to.press.strength;
         notice_hand(to);
     }
@@ -151,13 +150,13 @@ void press_filter::touch(const explanation& from, double probability, state is)
     if (next->turn.goes_on)
         next->press.motion.move(next->turn.velocity);
     const double spread = is == pressed ? d_set.contact_np : any_amplitude;
-    if (shows_turns(*next))
-        touch_with_strength(from, *next, spread);
-    else {
-        const double phases = contact_phases(*next);
-        give(*next,
-             may_count(*next, phases) ? phases + find_strength(*next, spread) : lost);
+    if (shows_turns(*next)) {
+        const double amplitudes = begin_strength(*next, spread);
+        give(*next, amplitudes + contact_phases(*next));
+        return;
     }
+    const double phases = contact_phases(*next);
+    give(*next, may_count(*next, phases) ? phases + find_strength(*next, spread) : lost);
 }
 
 // Beside a contact that the model does not contain, another one is as likely as a press.
@@ -181,7 +180,7 @@ void press_filter::move_line(const explanation& from, double probability)
     if (from.is != untouched)
         next->age_s = 0;
     next->is = untouched;
-    next->turn.moved += sees_turns(from, from.is);
+    next->turn.moved += sees_turns(from);
     move_cable(*next, next->line.amplitude);
     next->line.common.widen(variance / 2);
     next->line.difference.widen(2 * variance);
@@ -365,7 +364,7 @@ press_filter::mixture press_filter::mixture_after(const explanation& from,
         if (from.mixture.single && found.before == untouched && from.line.known) {
             auto parts = found;
             parts.start = from.mixture.seen;
-            const auto line = untouched_ratio(from);
+            const auto line = from.line.ratio();
             const auto changed = [&](const both_ends& seen) {
                 return std::norm(seen[0] - line[0]) + std::norm(seen[1] - line[1]);
             };
@@ -385,22 +384,16 @@ press_filter::mixture press_filter::mixture_after(const explanation& from,
     found.before = from.is;
     found.age_s = from.age_s;
     found.single = true;
-    if (from.is == untouched) {
-        found.start = untouched_ratio(from);
-        if (from.line.known)
-            found.log_density = pressed_in_part(found);
-    } else {
-        const auto was = from.press.motion.phase();
-        const auto strength = seen_strength(from);
-        for (int e = 0; e < 2; e++)
-            found.start[e] = std::polar(
-                std::exp(strength.mean + (e ? -0.5 : 0.5) * strength.difference), was[e]);
-    }
+    found.start = from.is == untouched
+                      ? from.line.ratio()
+                      : seen_strength(from).at(from.press.motion.phase());
+    if (from.is == untouched && from.line.known)
+        found.log_density = pressed_in_part(found);
     // Where a press ends, it is known what comes after.
     if (ends > 0 && from.line.known)
         found.log_density =
             log_sum(std::log(ends) + chord(found,
-                                           untouched_ratio(from),
+                                           from.line.ratio(),
                                            untouched,
                                            from.line.common.estimate().variance),
                     std::log1p(-ends));

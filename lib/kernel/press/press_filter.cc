@@ -152,7 +152,7 @@ void press_filter::take(const press_observation& group)
         from.age_s += d_elapsed_s;
         from.turn.sudden = false;
         from.turn.failed += d_silent;
-        from.turn.watched_s += sees_turns(from, from.is) ? d_elapsed_s : 0;
+        from.turn.watched_s += sees_turns(from) ? d_elapsed_s : 0;
         const double fails = fail_probability(from);
         d_log_fails = std::log(fails);
         d_log_works = std::log1p(-fails);
@@ -332,7 +332,7 @@ void press_filter::branch_touched(const explanation& from)
         if (may_count(from, std::log(each) + d_peak)) {
             auto turning = from;
             turning.turn.goes_on = true;
-            turning.turn.seen += sees_turns(from, from.is);
+            turning.turn.seen += sees_turns(from);
             turning.turn.by_hand = false;
             turning.turn.velocity = 0;
             for (std::size_t i = 0; i < turning_speeds; i++) {
@@ -388,7 +388,7 @@ void press_filter::branch_mixed(const explanation& from)
         const double to_untouched = single && !touched ? 0
                                     : single && tag.line.known && !tag.turn.sudden
                                         ? chord(mixture,
-                                                untouched_ratio(tag),
+                                                tag.line.ratio(),
                                                 untouched,
                                                 tag.line.common.estimate().variance) -
                                               known

@@ -169,10 +169,10 @@ private:
                            const drift_bank::moments* turned = nullptr) const;
     double follow_hands(explanation& to, const drift_bank::moments* turned) const;
     double update_turn(explanation& to) const;
-    void touch_with_strength(const explanation& from, explanation& next, double spread);
+    double begin_strength(explanation& to, double spread) const;
     double update_mean(explanation& of, both_amplitudes& own, double seen) const;
     bool shows_turns(const explanation& of) const;
-    bool sees_turns(const explanation& of, state is) const;
+    bool sees_turns(const explanation& of) const;
     both_amplitudes seen_strength(const explanation& of) const;
     both_amplitudes seen_amplitude() const;
 
@@ -183,7 +183,6 @@ private:
                         double variance,
                         double any = any_share);
     double pressed_in_part(const mixture& from) const;
-    both_ends untouched_ratio(const explanation& of) const;
     both_ends seen_ratio() const;
     outcome describe(const explanation& of) const;
 

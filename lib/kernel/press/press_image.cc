@@ -46,7 +46,7 @@ press_image::press_image(const std::vector<double>& change,
         if (length > 0)
             along = { along[0] / length, along[1] / length };
         else
-            along = { std::sqrt(0.5), std::sqrt(0.5) };
+            along = alike_both;
     }
 }
 
@@ -117,7 +117,7 @@ pair_of_ends press_image::direction(const pair_of_ends& change) const
             mean[e] += share * d_along[cell][e];
     const double length = std::hypot(mean[0], mean[1]);
     if (length < 0.5)
-        return { std::sqrt(0.5), std::sqrt(0.5) };
+        return alike_both;
     return { mean[0] / length, mean[1] / length };
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <vector>
 
@@ -14,6 +15,8 @@ constexpr double two_pi = 6.283185307179586;
 
 //! The angle in [-pi, pi].
 double wrapped(double angle);
+
+inline const pair_of_ends alike_both{ std::sqrt(0.5), std::sqrt(0.5) };
 
 /*!
  * \brief What presses look like: changes of both phases against the untouched line.

@@ -131,7 +131,7 @@ void press_filter::step_receiver(explanation& to) const
 bool press_filter::step_level(explanation& to) const
 {
     auto before = to;
-    before.is = to.state_before_change();
+    before.is = to.mixture.before;
     const auto was =
         before.is == untouched ? before.line.amplitude : seen_strength(before);
     const double by = d_amplitude - was.mean,
@@ -274,14 +274,13 @@ double press_filter::update_mean(explanation& of, both_amplitudes& own, double s
 // Whether the amplitudes show how far both ends have turned.
 bool press_filter::shows_turns(const explanation& of) const
 {
-    return of.is != untouched && sees_turns(of, of.is);
+    return of.is != untouched && sees_turns(of);
 }
 
 // Whether a turn looks like nothing else in this state, so that its rate is learned.
-bool press_filter::sees_turns(const explanation& of, state is) const
+bool press_filter::sees_turns(const explanation& of) const
 {
-    return is == untouched ||
-           (d_off_differ && of.line.known && (is == pressed || is == unexplained));
+    return of.is == untouched || (d_off_differ && of.line.known && of.is != mixed);
 }
 
 // Takes the amplitudes of a press whose phases are predicted so well; where it is held,
@@ -357,25 +356,20 @@ double press_filter::update_turn(explanation& to) const
            update_mean(to, own, d_amplitude - (expected[0] + expected[1]) / 2);
 }
 
-// Begins a contact that loses something, or nothing. A press is one resistance that both
-// ends see.
-void press_filter::touch_with_strength(const explanation& from,
-                                       explanation& next,
-                                       double spread)
+// Of a contact that loses something, or nothing, where the off states differ. A press is
+// one resistance that both ends see.
+double press_filter::begin_strength(explanation& to, double spread) const
 {
-    const auto& line = from.line.amplitude;
+    auto& own = to.press.strength;
+    own = to.line.amplitude;
     // What a hand nearby turns is a turn as well, which the amplitudes show.
-    const double hand = from.hand.square / 2,
-                 error = d_off.variance({}, next.change(d_group.phase));
-    next.line.common.widen(hand);
-    next.hand.square = 0;
-    next.press.with_common = 0;
-    next.press.strength = { line.mean,
-                            line.difference,
-                            line.mean_variance + hand + squared(spread) / 2,
-                            line.difference_variance + error };
-    const double likelihood = update_turn(next);
-    give(next, likelihood + contact_phases(next));
+    const double hand = to.hand.square / 2;
+    to.line.common.widen(hand);
+    to.hand.square = 0;
+    to.press.with_common = 0;
+    own.mean_variance += hand + squared(spread) / 2;
+    own.difference_variance += d_off.variance(to.change(d_group.phase));
+    return update_turn(to);
 }
 
 both_amplitudes press_filter::seen_strength(const explanation& of) const
@@ -479,19 +473,7 @@ double press_filter::pressed_in_part(const mixture& from) const
     return log_sum(std::log1p(-any_share) + here, std::log(any_share));
 }
 
-both_ends press_filter::untouched_ratio(const explanation& of) const
-{
-    const auto at = of.line.phase();
-    const double half = of.line.amplitude.difference / 2;
-    return { std::polar(std::exp(of.line.amplitude.mean + half), at[0]),
-             std::polar(std::exp(of.line.amplitude.mean - half), at[1]) };
-}
-
-both_ends press_filter::seen_ratio() const
-{
-    return { std::polar(std::exp(d_group.amplitude[0]), d_group.phase[0]),
-             std::polar(std::exp(d_group.amplitude[1]), d_group.phase[1]) };
-}
+both_ends press_filter::seen_ratio() const { return seen_amplitude().at(d_group.phase); }
 
 // Of the direction, rad^2; any where neither the model nor the change says it.
 double press_filter::direction_variance(const explanation& of) const

@@ -58,6 +58,4 @@ inline double squared(double x) { return x * x; }
 inline const double log_any_phases = -2 * std::log(two_pi);
 inline const double log_any_mixture = log_any_phases - 2 * std::log(0.7);
 
-inline const pair_of_ends alike_both{ std::sqrt(0.5), std::sqrt(0.5) };
-
 } // namespace gr::wiforce::kernel
