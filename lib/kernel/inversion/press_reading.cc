@@ -104,13 +104,16 @@ press_reading::phases press_reading::phases_of(const press_outcome& of,
     return found;
 }
 
-press_reading::reading
-press_reading::read(const group& of, bool wanted, press_posterior::workspace& work) const
+press_reading::reading press_reading::read(const sensor_group& of,
+                                           const press_outcome* first,
+                                           const press_outcome* end,
+                                           bool wanted,
+                                           press_posterior::workspace& work) const
 {
-    const bool readable = of.readable && of.count;
-    reading found{ -1,  { nan, nan }, { nan, nan }, nan,         nan,
-                   nan, nan,          of.flags,     { nan, nan } };
-    if (!readable) {
+    reading found{ -1,           nan, nan,      nan,      nan,
+                   { nan, nan }, nan, of.flags, of.group, of.interference,
+                   { nan, nan }, {},  false,    false,    false };
+    if (!of.readable || first == end) {
         // What the stages before say explains that nothing is read.
         if (!of.overlapping && !(found.flags & ~(d_bits.inconsistent | d_bits.ambiguous)))
             found.flags |= d_bits.weak;
@@ -118,18 +121,18 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
         return found;
     }
     double by_state[4] = {}, doubtful = 0, turning = 0, in_part = 0;
-    for (std::size_t i = 0; i < of.count; i++) {
-        const auto& each = of.first[i];
-        by_state[each.is] += each.weight;
-        if (each.is != mixed && !each.known)
-            doubtful += each.weight;
-        if (each.turns)
-            turning += each.weight;
-        in_part += each.weight * each.in_part;
+    for (const auto* each = first; each != end; each++) {
+        by_state[each->is] += each->weight;
+        if (each->is != mixed && !each->known)
+            doubtful += each->weight;
+        if (each->turns)
+            turning += each->weight;
+        in_part += each->weight * each->in_part;
     }
     const double either =
         std::min(by_state[untouched], 1 - by_state[untouched] - by_state[mixed]);
     found.touch = by_state[untouched] <= 0.5;
+    found.snr_db = of.snr_db;
     const bool changes = by_state[mixed] + in_part > d_limits.doubt;
     if (changes)
         found.flags |= d_bits.transition;
@@ -140,13 +143,13 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
         found.flags |= d_bits.ambiguous;
     if (turning > 0.5)
         found.flags |= d_bits.moved;
-    found.level = level(*of.first);
+    found.level = level(*first);
     const auto best =
-        phases_of(*of.first, found.level, of.first->common_variance + of.common_variance);
+        phases_of(*first, found.level, first->common_variance + of.common_variance);
     found.phases_deg = best.deg;
     for (int end = 0; end < 2; end++)
-        found.std_deg[end] = std::hypot(best.own_deg[end], best.shared_deg[end]);
-    const double larger = std::max(found.std_deg[0], found.std_deg[1]);
+        found.psi_std_deg[end] = std::hypot(best.own_deg[end], best.shared_deg[end]);
+    const double larger = std::max(found.psi_std_deg[0], found.psi_std_deg[1]);
     // A change of this tag leaves a residual of its own.
     if (of.disturbed && larger > disturbed_deg && !changes)
         found.flags |= d_bits.inconsistent;
@@ -157,14 +160,16 @@ press_reading::read(const group& of, bool wanted, press_posterior::workspace& wo
     found.unexplained = by_state[unexplained] > 0.5 && !of.disturbed && !of.flags &&
                         !(found.flags & ~(d_bits.inconsistent | d_bits.weak));
     if (wanted && found.touch == 1) {
-        invert(of, found, work);
+        invert(of.common_variance, first, end, found, work);
         if (!(found.force_std_n <= d_limits.weak_force_n))
             found.flags |= d_bits.weak;
     }
     return found;
 }
 
-void press_reading::invert(const group& of,
+void press_reading::invert(double common_variance,
+                           const press_outcome* first,
+                           const press_outcome* end,
                            reading& to,
                            press_posterior::workspace& work) const
 {
@@ -176,14 +181,14 @@ void press_reading::invert(const group& of,
         }
     };
     std::vector<solution> solutions;
-    solutions.reserve(of.count);
+    solutions.reserve(end - first);
     double total = 0;
-    for (std::size_t i = 0; i < of.count; i++) {
-        const auto& each = of.first[i];
-        if (i && !(each.is == pressed && each.known))
+    for (const auto* next = first; next != end; next++) {
+        const auto& each = *next;
+        if (next != first && !(each.is == pressed && each.known))
             continue;
         const auto phases =
-            phases_of(each, level(each), each.common_variance + of.common_variance);
+            phases_of(each, level(each), each.common_variance + common_variance);
         press_fit::press press;
         const auto code = d_posterior.invert({ phases.deg.data(),
                                                phases.own_deg.data(),
@@ -193,7 +198,7 @@ void press_reading::invert(const group& of,
                                              press);
         // Flags are those of the likeliest explanation. Phases that changed inside the
         // group are those of no press.
-        if (!i && each.is != mixed)
+        if (next == first && each.is != mixed)
             to.flags |= (code & ambiguous ? d_bits.ambiguous : 0) |
                         (code & force_unobservable ? d_bits.force_unobservable : 0) |
                         (code & inconsistent ? d_bits.inconsistent : 0) |
@@ -208,16 +213,16 @@ void press_reading::invert(const group& of,
     }
     double means[2], stds[2];
     for (int column = 0; column < 2; column++) {
-        double first = 0, second = 0, farthest = 0;
+        double mean = 0, second = 0, farthest = 0;
         for (const auto& each : solutions)
-            first += each.weight * each.mean[column];
-        first /= total;
+            mean += each.weight * each.mean[column];
+        mean /= total;
         for (const auto& each : solutions) {
-            const double away = each.mean[column] - first, own = each.own(column);
+            const double away = each.mean[column] - mean, own = each.own(column);
             second += each.weight * (own + away * away);
             farthest = std::max(farthest, std::abs(away) + std::sqrt(own));
         }
-        means[column] = first;
+        means[column] = mean;
         stds[column] = std::max(std::sqrt(second / total), farthest / far);
     }
     to.force_n = means[0];

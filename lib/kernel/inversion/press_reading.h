@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "../press/press_filter.h"
+#include "../phases/sensor_groups.h"
 #include "press_posterior.h"
 
 #include <array>
@@ -52,30 +52,29 @@ public:
                   const bits& flags,
                   const limits& at);
 
-    //! A group, and what may have happened in it: the likeliest explanation first.
-    struct group {
-        const press_outcome* first;
-        std::size_t count;
-        bool readable, overlapping, disturbed;
-        double common_variance; // of a rotation in this group alone, rad^2
-        std::int64_t flags;     // by the stages before
-    };
-
     //! NaN is unknown. `level` is R against the untouched line, `clear` whether nothing
     //! but the inversion flags the group, `unexplained` whether nothing does but that it
     //! is most likely no press of the model, `doubtful` whether it is not known which
     //! phases are those untouched.
     struct reading {
-        int touch; // 1, 0 or, where it is unknown, -1
-        pair phases_deg, std_deg;
+        std::int64_t touch; // 1, 0 or, where it is unknown, -1
         double force_n, force_std_n, location_mm, location_std_mm;
-        std::int64_t flags;
+        pair phases_deg;
+        double snr_db;
+        std::int64_t flags, group;
+        double interference;
+        pair psi_std_deg;
         std::array<complex, 2> level;
-        bool clear = false, unexplained = false, doubtful = false;
+        bool clear, unexplained, doubtful;
     };
 
-    //! Force and location only where they are `wanted`.
-    reading read(const group& of, bool wanted, press_posterior::workspace& work) const;
+    //! What may have happened in the group, the likeliest explanation first. Force and
+    //! location only where they are `wanted`.
+    reading read(const sensor_group& of,
+                 const press_outcome* first,
+                 const press_outcome* end,
+                 bool wanted,
+                 press_posterior::workspace& work) const;
 
 private:
     struct phases {
@@ -85,7 +84,11 @@ private:
     phases phases_of(const press_outcome& of,
                      const std::array<complex, 2>& level,
                      double common_variance) const;
-    void invert(const group& of, reading& to, press_posterior::workspace& work) const;
+    void invert(double common_variance,
+                const press_outcome* first,
+                const press_outcome* end,
+                reading& to,
+                press_posterior::workspace& work) const;
 
     const press_posterior& d_posterior;
     const sensor d_sensor;

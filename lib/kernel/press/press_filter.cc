@@ -52,11 +52,11 @@ private:
 };
 
 // What decides what comes next: one explanation may stand for two of a kind.
-std::uint32_t kind_of(const explanation& of)
+std::uint64_t kind_of(const explanation& of)
 {
     static_assert(turning_speeds < 4 && speeds.size() < 8, "three bits each");
     const auto& [turn, press, mixture] = std::tie(of.turn, of.press, of.mixture);
-    std::uint32_t kind = 0;
+    std::uint64_t kind = 0;
     for (std::size_t each : { std::size_t(of.is),
                               std::size_t(of.line.known),
                               std::size_t(of.claimed),
@@ -67,7 +67,7 @@ std::uint32_t kind_of(const explanation& of)
                               std::size_t(press.steady && press.slides),
                               of.is == mixed ? std::size_t(mixture.before) : 0,
                               std::size_t(of.is == mixed && mixture.single) })
-        kind = 8 * kind + static_cast<std::uint32_t>(each);
+        kind = 8 * kind + each;
     return kind;
 }
 
@@ -509,7 +509,7 @@ void press_filter::settle()
         return a->log_weight > b->log_weight;
     });
     d_kept.clear();
-    std::vector<std::uint32_t> kinds;
+    std::vector<std::uint64_t> kinds;
     for (const auto* each : likely) {
         const auto& next = *each;
         // All of its evidence is lost where it is dropped.

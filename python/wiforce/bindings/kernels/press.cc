@@ -44,18 +44,7 @@ py::array_t<outcome> take(press_filter& filter, const array<press_observation>& 
     return array_of(rows);
 }
 
-// What a group says of a sensor.
-struct group_reading {
-    std::int64_t touch;
-    double force_n, force_std_n, location_mm, location_std_mm;
-    std::array<double, 2> phases_deg;
-    double snr_db;
-    std::int64_t flags, group;
-    double interference;
-    std::array<double, 2> psi_std_deg;
-    std::array<std::complex<double>, 2> level;
-    bool clear, unexplained, doubtful;
-};
+using group_reading = press_reading::reading;
 
 py::array_t<group_reading> read_groups(const press_reading& sensor,
                                        const array<outcome>& found,
@@ -75,31 +64,7 @@ py::array_t<group_reading> read_groups(const press_reading& sensor,
         const outcome* const first = next;
         next = std::find_if(
             first, end, [=](const outcome& each) { return each.row > begin + row; });
-        const auto read = sensor.read({ first,
-                                        std::size_t(next - first),
-                                        of.readable,
-                                        of.overlapping,
-                                        of.disturbed,
-                                        of.common_variance,
-                                        of.flags },
-                                      wanted,
-                                      work);
-        said[row] = { read.touch,
-                      read.force_n,
-                      read.force_std_n,
-                      read.location_mm,
-                      read.location_std_mm,
-                      read.phases_deg,
-                      read.touch < 0 ? std::numeric_limits<double>::quiet_NaN()
-                                     : of.snr_db,
-                      read.flags,
-                      of.group,
-                      of.interference,
-                      read.std_deg,
-                      read.level,
-                      read.clear,
-                      read.unexplained,
-                      read.doubtful };
+        said[row] = sensor.read(of, first, next, wanted, work);
     }
     return readings;
 }
