@@ -219,8 +219,6 @@ void press_filter::move_beside_press(const explanation& from, double probability
         const double likelihood = motion.update(d_group.phase, d_noise);
         const auto is = motion.phase();
         next->line.turn({ ends[0] * (is[0] - was[0]), ends[1] * (is[1] - was[1]) });
-        next->line.common.widen(d_common_noise);
-        next->line.difference.widen(d_difference_noise);
         next->hold_level();
         give(*next, update_strength(*next, likelihood));
     }

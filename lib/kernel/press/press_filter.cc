@@ -275,7 +275,8 @@ void press_filter::branch_untouched(const explanation& from)
                  hands = happens(d_set.hands);
     const double sudden = may.all + turns + moves, quiet = std::max(1 - sudden, 1e-3);
     if (from.turn.goes_on) {
-        go_on_turning(from, quiet * goes_on);
+        turn_slowly(
+            from, quiet * goes_on, course::goes_on, from.turn.speed, from.turn.by_hand);
         turn_slowly(from,
                     quiet * (1 - goes_on),
                     course::ends,
@@ -318,7 +319,11 @@ void press_filter::branch_touched(const explanation& from)
         held.press.motion.move(from.turn.velocity);
         turn_slowly(held, ends, course::goes_on, from.turn.speed, from.turn.by_hand);
     } else if (from.turn.goes_on) {
-        go_on_turning(from, quiet * goes_on * (1 - begins));
+        turn_slowly(from,
+                    quiet * goes_on * (1 - begins),
+                    course::goes_on,
+                    from.turn.speed,
+                    from.turn.by_hand);
         turn_slowly(from,
                     quiet * (1 - goes_on),
                     course::ends,
@@ -423,24 +428,6 @@ void press_filter::begin_changing(const explanation& from, double probability)
     // A finger that warms the line turns both ends as slowly as a force creeps.
     if (!from.turn.goes_on)
         turn_slowly(from, each, course::warms, 0, false);
-}
-
-// A turn that becomes steadier is one turn. Where amplitudes do not show it, a change of
-// force explains it as well.
-void press_filter::go_on_turning(const explanation& from, double probability)
-{
-    const double slows = d_off_differ && from.turn.speed > 0 ? 1 - going_on() : 0;
-    turn_slowly(from,
-                probability * (1 - slows),
-                course::goes_on,
-                from.turn.speed,
-                from.turn.by_hand);
-    if (slows > 0)
-        turn_slowly(from,
-                    probability * slows,
-                    course::goes_on,
-                    from.turn.speed - 1,
-                    from.turn.by_hand);
 }
 
 // Of what has this rate, that it happens in the time of a group.

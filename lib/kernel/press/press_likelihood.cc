@@ -475,33 +475,29 @@ double press_filter::pressed_in_part(const mixture& from) const
 
 both_ends press_filter::seen_ratio() const { return seen_amplitude().at(d_group.phase); }
 
-// Of the direction, rad^2; any where neither the model nor the change says it.
-double press_filter::direction_variance(const explanation& of) const
-{
-    const bool beside = of.is == unexplained &&
-                        d_image->density(of.change(of.press.motion.phase())) < outside;
-    return of.line.known && (of.is == pressed || beside) ? squared(d_set.aside) : 1.0;
-}
-
-// A contact that the model does not contain goes on as it has come.
+// In which more force moves both phases, and its variance, rad^2; any where the model
+// does not say it.
 pair_of_ends press_filter::press_direction(const explanation& of) const
 {
-    if (!of.line.known)
-        return alike_both;
-    const auto change = of.change(of.press.motion.phase());
-    if (of.is == pressed)
-        return d_image->direction(change);
-    const double x = wrapped(change[0]), y = wrapped(change[1]), far = std::hypot(x, y);
-    return far > 0 ? pair_of_ends{ x / far, y / far } : alike_both;
+    return of.line.known ? d_image->direction(of.change(of.press.motion.phase()))
+                         : alike_both;
+}
+
+double press_filter::direction_variance(const explanation& of) const
+{
+    return of.line.known && of.is == pressed ? squared(d_set.aside) : 1.0;
 }
 
 press_filter::outcome press_filter::describe(const explanation& of) const
 {
     const auto common = of.line.common.estimate(), apart = of.line.difference.estimate();
     // The slowest may be a finger that warms the line: the deviation of the force holds
-    // it. What a hand near an untouched sensor turns is no motion of the tag.
-    const bool turns =
-        of.turn.goes_on && (of.turn.by_hand ? of.is != untouched : of.turn.speed > 0);
+    // it. That a turn goes on says little while its speed may be zero (two deviations);
+    // what a hand near an untouched sensor turns is no motion of the tag.
+    const bool moves = of.is != untouched ||
+                       (!of.turn.by_hand &&
+                        squared(of.turn.velocity) > 4 * of.press.motion.variances()[2]);
+    const bool turns = of.turn.goes_on && moves && (of.turn.by_hand || of.turn.speed > 0);
     return { 0,
              0,
              of.is,
