@@ -159,6 +159,19 @@ BOOST_AUTO_TEST_CASE(error_that_both_phases_share_has_the_moments_of_a_fine_grid
     BOOST_TEST(apart.location_variance > 2 * common.location_variance);
 }
 
+BOOST_AUTO_TEST_CASE(phases_and_errors_that_are_no_numbers_are_of_no_press)
+{
+    const line sensor{ 60 };
+    const press_posterior posterior(sensor.table(), everywhere(), consistent);
+    for (const double unknown : { double(NAN), double(INFINITY) }) {
+        BOOST_TEST(invert(posterior, unknown, 0, 0.3).flags == inconsistent);
+        const auto found = invert(posterior, 0, 0, 0.3, { unknown, 1 });
+        BOOST_TEST(found.flags == inconsistent);
+        BOOST_TEST(std::isnan(found.press.force));
+    }
+    BOOST_TEST(invert(posterior, 0, 0, NAN).flags == inconsistent);
+}
+
 BOOST_AUTO_TEST_CASE(force_that_no_phase_shows_is_unobservable)
 {
     const line sensor{ 1 };

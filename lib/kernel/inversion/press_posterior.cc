@@ -294,7 +294,8 @@ std::uint8_t press_posterior::invert(const phase_reading& wanted,
 {
     out = { NAN, NAN, NAN, NAN, NAN };
     for (std::size_t p = 0; p < phases(); p++)
-        if (!(std::abs(wanted.phase[p]) < largest_deg))
+        if (!(std::abs(wanted.phase[p]) < largest_deg) || std::isnan(wanted.std[p]) ||
+            (wanted.shared && !std::isfinite(wanted.shared[p])))
             return inconsistent;
     if (wanted.location && !std::isfinite(*wanted.location))
         return inconsistent;

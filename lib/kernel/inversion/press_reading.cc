@@ -18,9 +18,9 @@ constexpr double degrees = 180 / M_PI;
 // be hidden.
 constexpr double disturbed_deg = 1.0;
 // Standard deviations beyond which a reading is wrong. That of a mixture is no such
-// limit: an explanation of weight w may lie 1 / sqrt(w) away, so that each, with its own
-// deviation, is held within.
-constexpr double far = 5.0;
+// limit: an explanation of weight w may lie 1 / sqrt(w) away, so that each is held within
+// with so many of its own deviations (docs/press.md, Readings).
+constexpr double far = 5.0, likely = 1.5;
 // Of an off state, for the derivative of a phase by it.
 constexpr double off_step = 1e-4;
 
@@ -220,7 +220,7 @@ void press_reading::invert(double common_variance,
         for (const auto& each : solutions) {
             const double away = each.mean[column] - mean, own = each.own(column);
             second += each.weight * (own + away * away);
-            farthest = std::max(farthest, std::abs(away) + std::sqrt(own));
+            farthest = std::max(farthest, std::abs(away) + likely * std::sqrt(own));
         }
         means[column] = mean;
         stds[column] = std::max(std::sqrt(second / total), farthest / far);
