@@ -77,7 +77,8 @@ found invert(const press_posterior& posterior,
 
 constexpr double consistent = 11.83;
 
-// The posterior added up on a fine grid of force and location.
+// The posterior added up on a fine grid of force and location, for forces that are
+// log-uniform beforehand.
 std::vector<double> brute_force(
     const line& sensor, double psi_1, double psi_2, double std, const pair& shared = {})
 {
@@ -91,7 +92,8 @@ std::vector<double> brute_force(
                          r2 = psi_2 - sensor.phase(1, force, l);
             const double w =
                 std::exp(-0.5 * (b * r1 * r1 + a * r2 * r2 - 2 * ab * r1 * r2) /
-                         (a * b - ab * ab));
+                         (a * b - ab * ab)) /
+                force;
             const double values[] = { 1, force, l, force * force, l * l, force * l };
             for (int i = 0; i < 6; i++)
                 sums[i] += w * values[i];

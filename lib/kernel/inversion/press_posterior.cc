@@ -234,7 +234,7 @@ void press_posterior::integrate(workspace& work) const
                               : of_polynomial(a, b, at_a, at_b);
         const auto& from = points[segments[s].point];
         const auto& end = points[segments[s].point + 1];
-        const double scale = work.density[2 * count + s] * (end.force - from.force) *
+        const double scale = work.density[2 * count + s] * (end.steps - from.steps) *
                              (from.scale + end.scale);
         work.weight[s] = { scale * (part.zeroth - part.first),
                            scale * part.first,

@@ -53,8 +53,8 @@ enum reading_flag : std::uint8_t {
 /*!
  * \brief The posterior of force and location given the phases of a reading.
  *
- * All forces and locations of the table are equally likely beforehand; noise and the
- * model's own error are normal. The likelihood is integrated over location about the
+ * Forces are log-uniform beforehand and locations uniform, as in press_image.h; noise and
+ * the model's own error are normal. The likelihood is integrated over location about the
  * profile and over force along it, in closed form from point to point.
  *
  * Its parts with a dip of the likelihood between are different solutions. The solution

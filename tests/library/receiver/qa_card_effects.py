@@ -48,7 +48,7 @@ STEADY = {"chain_states": (), "drift_deg": 0.0, "ripple": 0.0, "subcarriers": 26
 
 
 @pytest.mark.parametrize(
-    "effects, least, within_n", cases((STEADY, 0.75, 0.4), long=(({}, 0.0, np.inf),))
+    "effects, least, within_n", cases((STEADY, 0.75, 0.45), long=(({}, 0.0, np.inf),))
 )
 def test_tag_in_an_irregular_capture_of_an_ax200_gives_no_wrong_reading(
     effects, least, within_n, tmp_path
