@@ -48,36 +48,29 @@ press_reading::press_reading(const press_posterior& posterior,
 {
 }
 
-// R against the untouched line of an explanation.
-std::array<complex, 2> press_reading::level(const press_outcome& of)
-{
-    std::array<complex, 2> found;
-    for (int end = 0; end < 2; end++)
-        found[end] = std::exp(complex(of.mean.amplitude[end] - of.amplitude,
-                                      of.mean.phase[end] - of.baseline[end]));
-    return found;
-}
-
-// psi of both ends, and standard deviations of the error of each and of that which both
-// share, with its sign (docs/theory.md, The off state).
+// R against the untouched line, psi of both ends, and standard deviations of the error of
+// each and of that which both share, with its sign (docs/theory.md, The off state); in a
+// group that is rotated by as much as `rotation_variance`.
 press_reading::phases press_reading::phases_of(const press_outcome& of,
-                                               const std::array<complex, 2>& level,
-                                               double common_variance) const
+                                               double rotation_variance) const
 {
     phases found;
-    const double apart = of.difference_variance / 4, both = common_variance - apart;
+    const double common = of.common_variance + rotation_variance,
+                 apart = of.difference_variance / 4, both = common - apart;
     for (int end = 0; end < 2; end++) {
         const complex off = d_sensor.off[end],
                       start = std::polar(1.0, d_sensor.untouched_rad[end]);
-        const complex circle = on_circle(level[end], start - off, off);
+        const complex level = std::exp(complex(of.mean.amplitude[end] - of.amplitude,
+                                               of.mean.phase[end] - of.baseline[end]));
+        const complex circle = on_circle(level, start - off, off);
         const complex switched =
-            d_sensor.off_states_differ ? circle - off : level[end] * (start - off);
+            d_sensor.off_states_differ ? circle - off : level * (start - off);
         const complex reflection = off + switched;
         const double slope =
             d_sensor.off_states_differ
                 ? std::norm(switched) / (switched * std::conj(reflection)).real()
                 : std::abs(switched) / std::abs(reflection);
-        double variance = of.mean.variance[end] + 2 * std::min(common_variance, apart);
+        double variance = of.mean.variance[end] + 2 * std::min(common, apart);
         if (d_sensor.tag_ratio) {
             // A ratio of antennas (S_1 + T_1) / (S_2 + T_2) is not linear in the tag: an
             // error of Im[(1 - R) T_2 / S_2], at a phase that is unknown.
@@ -89,13 +82,13 @@ press_reading::phases press_reading::phases_of(const press_outcome& of,
         if (d_sensor.off_std) {
             double error = 0;
             for (const complex step : { complex(off_step, 0), complex(0, off_step) }) {
-                const complex beside =
-                    on_circle(level[end], start - off - step, off + step);
+                const complex beside = on_circle(level, start - off - step, off + step);
                 error = std::hypot(
                     error, degrees * std::arg(beside * std::conj(circle)) / off_step);
             }
             std = std::hypot(std, d_sensor.off_std * error);
         }
+        found.level[end] = level;
         found.deg[end] = wrapped_deg(reflection);
         found.own_deg[end] = std;
         found.shared_deg[end] =
@@ -143,9 +136,8 @@ press_reading::reading press_reading::read(const sensor_group& of,
         found.flags |= d_bits.ambiguous;
     if (turning > 0.5)
         found.flags |= d_bits.moved;
-    found.level = level(*first);
-    const auto best =
-        phases_of(*first, found.level, first->common_variance + of.common_variance);
+    const auto best = phases_of(*first, of.common_variance);
+    found.level = best.level;
     found.phases_deg = best.deg;
     for (int end = 0; end < 2; end++)
         found.psi_std_deg[end] = std::hypot(best.own_deg[end], best.shared_deg[end]);
@@ -160,14 +152,15 @@ press_reading::reading press_reading::read(const sensor_group& of,
     found.unexplained = by_state[unexplained] > 0.5 && !of.disturbed && !of.flags &&
                         !(found.flags & ~(d_bits.inconsistent | d_bits.weak));
     if (wanted && found.touch == 1) {
-        invert(of.common_variance, first, end, found, work);
+        invert(best, of.common_variance, first, end, found, work);
         if (!(found.force_std_n <= d_limits.weak_force_n))
             found.flags |= d_bits.weak;
     }
     return found;
 }
 
-void press_reading::invert(double common_variance,
+void press_reading::invert(const phases& likeliest,
+                           double rotation_variance,
                            const press_outcome* first,
                            const press_outcome* end,
                            reading& to,
@@ -188,7 +181,7 @@ void press_reading::invert(double common_variance,
         if (next != first && !(each.is == pressed && each.known))
             continue;
         const auto phases =
-            phases_of(each, level(each), each.common_variance + common_variance);
+            next == first ? likeliest : phases_of(each, rotation_variance);
         press_fit::press press;
         const auto code = d_posterior.invert({ phases.deg.data(),
                                                phases.own_deg.data(),

@@ -78,13 +78,12 @@ public:
 
 private:
     struct phases {
+        std::array<complex, 2> level;
         pair deg, own_deg, shared_deg;
     };
-    static std::array<complex, 2> level(const press_outcome& of);
-    phases phases_of(const press_outcome& of,
-                     const std::array<complex, 2>& level,
-                     double common_variance) const;
-    void invert(double common_variance,
+    phases phases_of(const press_outcome& of, double rotation_variance) const;
+    void invert(const phases& likeliest,
+                double rotation_variance,
                 const press_outcome* first,
                 const press_outcome* end,
                 reading& to,

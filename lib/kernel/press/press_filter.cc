@@ -275,13 +275,8 @@ void press_filter::branch_untouched(const explanation& from)
                  hands = happens(d_set.hands);
     const double sudden = may.all + turns + moves, quiet = std::max(1 - sudden, 1e-3);
     if (from.turn.goes_on) {
-        turn_slowly(
-            from, quiet * goes_on, course::goes_on, from.turn.speed, from.turn.by_hand);
-        turn_slowly(from,
-                    quiet * (1 - goes_on),
-                    course::ends,
-                    from.turn.speed,
-                    from.turn.by_hand);
+        turn_slowly(from, quiet * goes_on, course::goes_on);
+        turn_slowly(from, quiet * (1 - goes_on), course::ends);
     } else {
         remain_untouched(from, quiet * (1 - turns));
         // Hands take nothing from what remains. Beside a press what they turn is not
@@ -317,18 +312,10 @@ void press_filter::branch_touched(const explanation& from)
         change_steadily(resting, ends, from.press.slides, from.press.speed);
         held.press.steady = false;
         held.press.motion.move(from.turn.velocity);
-        turn_slowly(held, ends, course::goes_on, from.turn.speed, from.turn.by_hand);
+        turn_slowly(held, ends, course::goes_on);
     } else if (from.turn.goes_on) {
-        turn_slowly(from,
-                    quiet * goes_on * (1 - begins),
-                    course::goes_on,
-                    from.turn.speed,
-                    from.turn.by_hand);
-        turn_slowly(from,
-                    quiet * (1 - goes_on),
-                    course::ends,
-                    from.turn.speed,
-                    from.turn.by_hand);
+        turn_slowly(from, quiet * goes_on * (1 - begins), course::goes_on);
+        turn_slowly(from, quiet * (1 - goes_on), course::ends);
         begin_changing(from, quiet * goes_on * begins);
     } else if (from.press.steady) {
         change_steadily(

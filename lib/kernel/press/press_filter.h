@@ -117,6 +117,11 @@ private:
                      course how,
                      std::size_t speed,
                      bool near);
+    // Goes on, or ends, as it has begun.
+    void turn_slowly(const explanation& from, double probability, course how)
+    {
+        turn_slowly(from, probability, how, from.turn.speed, from.turn.by_hand);
+    }
     void mix(const explanation& from, double probability, double ends = 0);
 
     void move_cable(explanation& to, both_amplitudes& own) const;
