@@ -103,11 +103,12 @@ def test_invert_unobservable_force_is_never_confident(name, noise_deg):
     unobservable = np.array(["force-unobservable" in flags for flags in found.flags])
     error = np.abs(found.force_n - force)
     assert np.mean(unobservable) >= 0.999
-    # Forces are uniform here, and log-uniform in the posterior.
-    assert np.mean(error <= 2 * found.force_std_n) >= 0.98
-    # Without the flag, 3 standard deviations are exceeded no more often than by a normal error.
-    exceeded = ~unobservable & (error > 3 * found.force_std_n)
-    assert np.mean(exceeded) < 0.0027
+    # Forces are uniform here, and log-uniform in the posterior: where 3 deg hide nearly all of
+    # them, low ones are too likely.
+    hidden = (name, noise_deg) == ("paper-2400mhz", 3.0)
+    assert np.mean(error <= 2 * found.force_std_n) >= (0.98 if hidden else 0.99)
+    exceeded = error[~unobservable] > 3 * found.force_std_n[~unobservable]
+    assert np.count_nonzero(exceeded) <= (1 if hidden else 0)
 
 
 def test_invert_known_location_is_kept(model):
