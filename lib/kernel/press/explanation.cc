@@ -160,12 +160,9 @@ pair_of_ends explanation::change(const pair_of_ends& phase) const
 
 void explanation::recount(const pair_of_ends& phase, const pair_of_ends& gain)
 {
-    const auto [turned, apart] = mean_and_difference(phase);
     line.turn(phase);
     press.held.turn(phase);
     press.motion.turn(phase);
-    hand.quiet_phase += turned;
-    hand.quiet_amplitude += (gain[0] + gain[1]) / 2;
     line.amplitude.grow(gain);
     press.strength.grow(gain);
     for (int e = 0; e < 2; e++) {
@@ -220,11 +217,6 @@ void explanation::merge(const explanation& other, double share)
     mean(turn.moved, other.turn.moved);
     mean(turn.failed, other.turn.failed);
     mean(turn.watched_s, other.turn.watched_s);
-    mean(hand.quiet_amplitude, other.hand.quiet_amplitude);
-    mean(hand.quiet_phase,
-         hand.quiet_phase + wrapped(other.hand.quiet_phase - hand.quiet_phase));
-    mean(hand.square, other.hand.square);
-    mean(hand.speed2, other.hand.speed2);
     mean(mixture.age_s, other.mixture.age_s);
     mixture.log_density = -std::log((1 - share) * std::exp(-mixture.log_density) +
                                     share * std::exp(-other.mixture.log_density));

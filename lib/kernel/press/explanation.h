@@ -123,12 +123,6 @@ struct explanation {
         double failed = 0; // how often the tag's supply has
     } turn;
 
-    //! A hand nearby adds a phasor: the line without it, the squares of the phasor and,
-    //! in 1/s, of its speed where it moves.
-    struct nearby_hand {
-        double quiet_amplitude = 0, quiet_phase = 0, square = 0, speed2 = 0;
-    } hand;
-
     //! Both phases and amplitudes of the press, or of the line while the tag turns it.
     struct held_or_moving {
         phase_motion motion;  // as it changes steadily,

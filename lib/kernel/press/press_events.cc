@@ -91,21 +91,12 @@ double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
             std::max(1.0, least_turn_s / d_elapsed_s);
     to.line.common.turn(by);
     const double likelihood = update_strength(to, phases);
-    const double grown = to.press.strength.mean - before;
-    to.line.amplitude.mean += grown;
-    if (to.turn.by_hand)
-        to.hand.speed2 =
-            std::max(squared(by) + squared(grown) - d_common_noise - d_amplitude_noise,
-                     0.0) /
-            squared(d_elapsed_s);
-    else
-        to.hand.quiet_amplitude += grown;
+    to.line.amplitude.mean += to.press.strength.mean - before;
     to.turn.velocity = to.press.motion.means()[2];
     if (to.is == untouched) {
         to.line.common.reset(to.line.common.estimate().mean,
                              to.press.motion.variances()[0]);
         to.line.amplitude = to.press.strength;
-        notice_hand(to);
     }
     return likelihood;
 }
@@ -192,7 +183,6 @@ void press_filter::move_cable(explanation& to, both_amplitudes& own) const
 {
     to.turn.goes_on = to.press.steady = false;
     to.turn.sudden = true;
-    to.hand.quiet_amplitude = d_amplitude;
     own.mean_variance += squared(d_set.turn_np);
     // Where the off states are to tell turns, another line of one end is unexplained.
     if (!d_off_differ)
@@ -247,15 +237,10 @@ void press_filter::hold(const explanation& from, double probability)
     next->claimed = from.claimed;
     // What is held drifts as the untouched line does, and with it.
     auto& held = next->press.held;
-    const auto was = held.phase();
-    const drift_bank::moments turned{
-        (wrapped(d_group.phase[0] - was[0]) + wrapped(d_group.phase[1] - was[1])) / 2,
-        held.common.estimate().variance + d_common_noise
-    };
     const double likelihood =
         held.carry(next->line, d_group.phase, d_noise, rate_memory());
     next->press.motion.hold(held.phase(), held.covariance());
-    give(*next, update_strength(*next, likelihood, &turned), true);
+    give(*next, update_strength(*next, likelihood), true);
 }
 
 void press_filter::change_steadily(const explanation& from,
@@ -341,9 +326,7 @@ void press_filter::mix(const explanation& from, double probability, double ends)
     // A force that changes may go on through a group that is only partly received.
     if (next->press.steady)
         next->press.motion.predict(d_elapsed_s);
-    if (next->turn.goes_on && next->turn.by_hand)
-        lose_sight_of_hand(*next);
-    else if (next->turn.goes_on)
+    if (next->turn.goes_on)
         turn_unseen(*next, 1);
     give(*next, log_any_mixture + next->mixture.log_density);
 }

@@ -243,10 +243,6 @@ void press_filter::with_courses(const explanation& from,
         changed(other);
         event(other, probability * share);
     };
-    if (from.turn.goes_on && from.turn.by_hand) {
-        course(1, [&](explanation& other) { lose_sight_of_hand(other); });
-        return;
-    }
     if (from.turn.goes_on) {
         course(going_on(), [&](explanation& other) { turn_unseen(other, 1); });
         course(1 - going_on(), [&](explanation& other) {
@@ -278,9 +274,7 @@ void press_filter::branch_untouched(const explanation& from)
         turn_slowly(from, quiet * goes_on, course::goes_on);
         turn_slowly(from, quiet * (1 - goes_on), course::ends);
     } else {
-        remain_untouched(from, quiet * (1 - turns));
-        // Hands take nothing from what remains. Beside a press what they turn is not
-        // followed, so where none comes would else be evidence of a touch.
+        remain_untouched(from, quiet * (1 - turns - hands));
         begin_turning(from, quiet * turns, quiet * hands);
     }
     turn_suddenly(from, between * turns);
@@ -334,9 +328,9 @@ void press_filter::branch_touched(const explanation& from)
         }
         stop_changing(from, quiet * (1 - goes_on));
     } else {
-        hold(from, quiet * (1 - begins) * (1 - turns));
+        hold(from, quiet * (1 - begins) * (1 - turns - happens(d_set.hands)));
         begin_changing(from, quiet * begins);
-        begin_turning(from, quiet * turns, 0);
+        begin_turning(from, quiet * turns, quiet * happens(d_set.hands));
     }
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained, unexplained);
@@ -560,7 +554,6 @@ double press_filter::loss_of_merging(const explanation& a,
         const auto u = a.line.difference.estimate(), v = b.line.difference.estimate();
         compare(wrapped(v.mean - u.mean), u.variance, v.variance, d_difference_noise);
         compare_amplitudes(a.line.amplitude, b.line.amplitude);
-        compare(0, a.hand.square / 2, b.hand.square / 2, d_common_noise);
     }
     if (loss.nats() > most)
         return most;
@@ -643,7 +636,6 @@ void press_filter::claim_untouched(double probability)
         if (held) {
             next.line.reset(next.press.motion.phase(), next.press.motion.covariance());
             next.line.amplitude = strength;
-            next.hand.quiet_amplitude = next.line.amplitude.mean;
         } else
             next.age_s = 0;
         next.now = describe(next);

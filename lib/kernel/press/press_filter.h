@@ -163,15 +163,10 @@ private:
     double contact_phases(const explanation& of) const;
 
     // Amplitudes, and what shows in them: hands, turns, off states.
-    void notice_hand(explanation& to) const;
-    void lose_sight_of_hand(explanation& to) const;
     double turning_speed(std::size_t speed) const;
     double hand_variance(std::size_t speed) const;
     double find_strength(explanation& to, double spread) const;
-    double update_strength(explanation& to,
-                           double log_phases,
-                           const drift_bank::moments* turned = nullptr) const;
-    double follow_hands(explanation& to, const drift_bank::moments* turned) const;
+    double update_strength(explanation& to, double log_phases) const;
     double update_turn(explanation& to) const;
     double begin_strength(explanation& to, double spread) const;
     double update_mean(explanation& of, both_amplitudes& own, double seen) const;

@@ -152,9 +152,6 @@ void press_filter::reset_baseline(explanation& to) const
 {
     to.line.reset(d_group.phase, d_noise);
     to.line.amplitude = seen_amplitude();
-    to.hand.quiet_amplitude = d_amplitude;
-    to.hand.quiet_phase = to.line.common.estimate().mean;
-    to.hand.square = 0;
 }
 
 void press_filter::drift(explanation& to) const
@@ -173,32 +170,7 @@ double press_filter::update_baseline(explanation& to) const
         to.line.update(d_group.phase, d_noise, rate_memory(), least_phases(to));
     if (!may_count(to, phases))
         return lost;
-    const double amplitudes = update_amplitude(to, to.line.amplitude);
-    notice_hand(to);
-    return phases + amplitudes;
-}
-
-// It goes on to where it presses.
-void press_filter::lose_sight_of_hand(explanation& to) const
-{
-    to.turn.goes_on = false;
-    to.hand.square += to.hand.speed2 * squared(d_set.near_s);
-}
-
-// A hand that comes near adds a phasor. While it moves the untouched line shows how large
-// that is; during a press, the phase that it adds is known to no better than this.
-void press_filter::notice_hand(explanation& to) const
-{
-    const bool moves = to.turn.goes_on && to.turn.by_hand;
-    const double phase = to.line.common.estimate().mean,
-                 turned = moves ? wrapped(phase - to.hand.quiet_phase) : 0,
-                 grown = to.line.amplitude.mean - to.hand.quiet_amplitude;
-    const double forgets = std::min(1.0, d_elapsed_s / d_set.near_s);
-    to.hand.square =
-        std::max((1 - forgets) * to.hand.square,
-                 squared(turned) + squared(grown) - to.line.amplitude.mean_variance);
-    to.hand.quiet_phase = phase - turned * (1 - forgets / 4);
-    to.hand.quiet_amplitude += forgets / 4 * grown;
+    return phases + update_amplitude(to, to.line.amplitude);
 }
 
 // Log density of the phases of a contact that begins in this group.
@@ -222,7 +194,7 @@ double press_filter::find_strength(explanation& to, double spread) const
 {
     const auto with_loss = [&](double loss, both_amplitudes& own) {
         own = to.line.amplitude;
-        own.mean_variance += to.hand.square / 2 + squared(loss) / 2;
+        own.mean_variance += squared(loss) / 2;
         own.difference_variance += 2 * squared(loss);
         return update_amplitude(to, own);
     };
@@ -284,49 +256,12 @@ bool press_filter::sees_turns(const explanation& of) const
 }
 
 // Takes the amplitudes of a press whose phases are predicted so well; where it is held,
-// both ends have turned by this. Gives the log density of phases and amplitudes.
-double press_filter::update_strength(explanation& to,
-                                     double log_phases,
-                                     const drift_bank::moments* turned) const
+// gives the log density of both.
+double press_filter::update_strength(explanation& to, double log_phases) const
 {
     if (!may_count(to, log_phases))
         return lost;
-    return log_phases + (shows_turns(to) ? update_turn(to) : follow_hands(to, turned));
-}
-
-// Amplitudes change beside a press as often as hands move beside the untouched line:
-// otherwise they would speak for the latter. A hand turns both ends by as much, and by
-// that the line is doubted, as far as what is held has turned.
-double press_filter::follow_hands(explanation& to,
-                                  const drift_bank::moments* turned) const
-{
-    auto& own = to.press.strength;
-    const auto before = own;
-    const double none = update_amplitude(to, own) - d_set.hands * d_elapsed_s;
-    double all = none, best = none;
-    const double log_turns = std::log(happens(d_set.hands) / near_speeds);
-    std::array<double, near_speeds> turns, grown;
-    for (std::size_t i = 0; i < near_speeds; i++) {
-        const double by = hand_variance(i);
-        auto moved = before;
-        moved.mean_variance += by;
-        turns[i] = log_turns +
-                   moved.update(d_amplitude, d_amplitude_difference, d_amplitude_noise);
-        grown[i] = moved.mean - before.mean;
-        all = log_sum(all, turns[i]);
-        if (turns[i] > best) {
-            best = turns[i];
-            own = moved;
-        }
-        if (turned)
-            turns[i] += std::min(log_normal(turned->mean, turned->variance + by) -
-                                     log_normal(turned->mean, turned->variance),
-                                 0.0);
-    }
-    to.in_part *= std::exp(none - all);
-    for (std::size_t i = 0; turned && i < near_speeds; i++)
-        to.line.common.widen(std::exp(turns[i] - all) * squared(grown[i]));
-    return all;
+    return log_phases + (shows_turns(to) ? update_turn(to) : update_amplitude(to, to.press.strength));
 }
 
 // Where the off states differ the amplitudes show the common phase, as far as is known
@@ -362,12 +297,8 @@ double press_filter::begin_strength(explanation& to, double spread) const
 {
     auto& own = to.press.strength;
     own = to.line.amplitude;
-    // What a hand nearby turns is a turn as well, which the amplitudes show.
-    const double hand = to.hand.square / 2;
-    to.line.common.widen(hand);
-    to.hand.square = 0;
     to.press.with_common = 0;
-    own.mean_variance += hand + squared(spread) / 2;
+    own.mean_variance += squared(spread) / 2;
     own.difference_variance += d_off.variance(to.change(d_group.phase));
     return update_turn(to);
 }
@@ -399,7 +330,7 @@ both_amplitudes press_filter::seen_amplitude() const
 
 double press_filter::density(const explanation& of, const pair_of_ends& phase) const
 {
-    const double variance = of.line.common.estimate().variance + of.hand.square / 2;
+    const double variance = of.line.common.estimate().variance;
     const auto changed = of.change(phase);
     const double middle = d_image->density(changed);
     if (variance < squared(deg))
@@ -505,7 +436,7 @@ press_filter::outcome press_filter::describe(const explanation& of) const
              (of.turn.sudden || turns) && !shows_turns(of),
              of.in_part,
              of.line.phase(),
-             common.variance + (of.is == pressed ? of.hand.square / 2 : 0),
+             common.variance,
              apart.variance,
              of.line.amplitude.mean,
              of.mean };
