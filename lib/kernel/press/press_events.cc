@@ -54,8 +54,6 @@ void press_filter::turn_slowly(
     const bool begins = how == course::begins || how == course::warms;
     if (begins)
         begin_turn(*next);
-    if (near) // adds a phasor of any angle, so it changes amplitude and phase alike
-        next->press.strength.mean_variance += hand_variance(speed);
     const auto was = next->press.motion.phase();
     if (how != course::ends) {
         const double by = squared(turning_speed(speed)) * (begins ? 1 : d_elapsed_s) / 2;
@@ -83,15 +81,9 @@ double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
     const double phases = to.press.motion.update(d_group.phase, d_noise);
     to.hold_level();
     const auto is = to.press.motion.phase();
-    const double by = (is[0] - was[0] + is[1] - was[1]) / 2,
-                 before = to.press.strength.mean;
-    if (!to.turn.by_hand)
-        to.press.strength.mean_variance +=
-            squared(d_set.turn_np / (d_set.turn_deg * deg) * by) *
-            std::max(1.0, least_turn_s / d_elapsed_s);
+    const double by = (is[0] - was[0] + is[1] - was[1]) / 2;
     to.line.common.turn(by);
-    const double likelihood = update_strength(to, phases);
-    to.line.amplitude.mean += to.press.strength.mean - before;
+    const double likelihood = update_turned(to, phases, by);
     to.turn.velocity = to.press.motion.means()[2];
     if (to.is == untouched) {
         to.line.common.reset(to.line.common.estimate().mean,
@@ -272,17 +264,19 @@ void press_filter::change_steadily(const explanation& from,
     const auto was = from.press.motion.phase();
     const double likelihood = next->press.motion.update(d_group.phase, d_noise);
     if (from.turn.goes_on)
-        part_turn(*next, was, direction, aside);
-    give(*next, update_strength(*next, likelihood));
+        give(*next,
+             update_turned(*next, likelihood, part_turn(*next, was, direction, aside)));
+    else
+        give(*next, update_strength(*next, likelihood));
 }
 
 // While the tag turns and the force changes: both phases are moved by the turn alike, and
 // by the force in the direction of the press. In the middle of the line that is the same;
-// an error of this division lasts for as long as both do.
-void press_filter::part_turn(explanation& to,
-                             const pair_of_ends& was,
-                             const pair_of_ends& direction,
-                             double aside) const
+// an error of this division lasts for as long as both do. Gives the turn's part.
+double press_filter::part_turn(explanation& to,
+                               const pair_of_ends& was,
+                               const pair_of_ends& direction,
+                               double aside) const
 {
     const auto is = to.press.motion.phase();
     const double expected = to.turn.velocity * d_elapsed_s;
@@ -302,6 +296,7 @@ void press_filter::part_turn(explanation& to,
     to.line.common.widen(std::max(doubt, 0.0) *
                          std::max(d_set.steady_s / d_elapsed_s, 1.0));
     to.turn.velocity += (1 - going_on()) * turned / d_elapsed_s;
+    return expected + turned;
 }
 
 // For a part of the group, in which the press changes: as before, or to rest.

@@ -255,13 +255,30 @@ bool press_filter::sees_turns(const explanation& of) const
     return of.is == untouched || (d_off_differ && of.line.known && of.is != mixed);
 }
 
-// Takes the amplitudes of a press whose phases are predicted so well; where it is held,
-// gives the log density of both.
+// Takes the amplitudes of a press whose phases are predicted so well; gives the log
+// density of both.
 double press_filter::update_strength(explanation& to, double log_phases) const
 {
     if (!may_count(to, log_phases))
         return lost;
-    return log_phases + (shows_turns(to) ? update_turn(to) : update_amplitude(to, to.press.strength));
+    return log_phases +
+           (shows_turns(to) ? update_turn(to) : update_amplitude(to, to.press.strength));
+}
+
+// Likewise where the tag has turned by this, which changes the amplitudes of the press
+// and of the line. A hand adds a phasor of any angle: it changes amplitudes and phases
+// alike.
+double press_filter::update_turned(explanation& to, double log_phases, double by) const
+{
+    auto& own = to.press.strength;
+    const double before = own.mean;
+    own.mean_variance += to.turn.by_hand
+                             ? hand_variance(to.turn.speed)
+                             : squared(d_set.turn_np / (d_set.turn_deg * deg) * by) *
+                                   std::max(1.0, least_turn_s / d_elapsed_s);
+    const double likelihood = update_strength(to, log_phases);
+    to.line.amplitude.mean += own.mean - before;
+    return likelihood;
 }
 
 // Where the off states differ the amplitudes show the common phase, as far as is known
