@@ -230,9 +230,9 @@ struct changes {
 
 } // namespace
 
-// What the tag may do while the press changes: nothing, or turn suddenly; or go on
-// turning, or come to rest. Calls `event` with the tag and with its part of the
-// probability.
+// What the tag may do while the press changes: nothing, or turn suddenly, or a hand moves
+// near it; or go on turning, or come to rest. Calls `event` with the tag and with its
+// part of the probability.
 template <class Event>
 void press_filter::with_courses(const explanation& from,
                                 double probability,
@@ -251,24 +251,30 @@ void press_filter::with_courses(const explanation& from,
         });
         return;
     }
-    const double turns = turn_probability(from);
-    event(from, probability * (1 - turns));
+    const double turns = turn_probability(from), hands = hand_probability();
+    const auto widen = [](explanation& other, double phase, double amplitude) {
+        other.line.common.widen(phase);
+        other.press.motion.widen({ phase, phase, phase });
+        other.line.amplitude.mean_variance += amplitude;
+        other.press.strength.mean_variance += amplitude;
+    };
+    event(from, probability * (1 - turns - hands));
     course(turns, [&](explanation& other) {
-        const double variance = sudden_turn_variance();
         other.turn.sudden = true;
-        other.line.common.widen(variance);
-        other.press.motion.widen({ variance, variance, variance });
-        other.line.amplitude.mean_variance += squared(d_set.turn_np);
-        other.press.strength.mean_variance += squared(d_set.turn_np);
+        widen(other, sudden_turn_variance(), squared(d_set.turn_np));
     });
+    for (std::size_t i = 0; i < near_speeds; i++)
+        course(hands / near_speeds, [&](explanation& other) {
+            widen(other, hand_variance(i), hand_variance(i));
+        });
 }
 
 void press_filter::branch_untouched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1 - d_group.untouched, d_set);
     const double turns = turn_probability(from), moves = move_probability(from),
-                 goes_on = going_on(), between = between_groups(),
-                 hands = happens(d_set.hands);
+                 hands = hand_probability(), goes_on = going_on(),
+                 between = between_groups();
     const double sudden = may.all + turns + moves, quiet = std::max(1 - sudden, 1e-3);
     if (from.turn.goes_on) {
         turn_slowly(from, quiet * goes_on, course::goes_on);
@@ -291,7 +297,8 @@ void press_filter::branch_touched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1, d_set);
     const double turns = turn_probability(from), moves = move_probability(from),
-                 goes_on = going_on(), between = between_groups();
+                 hands = hand_probability(), goes_on = going_on(),
+                 between = between_groups();
     const double sudden = may.all - may.steadily + turns + 2 * moves;
     const double quiet = std::max(1 - sudden, 1e-3);
     const double begins = may.steadily / std::max(quiet, may.steadily);
@@ -328,9 +335,9 @@ void press_filter::branch_touched(const explanation& from)
         }
         stop_changing(from, quiet * (1 - goes_on));
     } else {
-        hold(from, quiet * (1 - begins) * (1 - turns - happens(d_set.hands)));
+        hold(from, quiet * (1 - begins) * (1 - turns - hands));
         begin_changing(from, quiet * begins);
-        begin_turning(from, quiet * turns, quiet * happens(d_set.hands));
+        begin_turning(from, quiet * turns, quiet * hands);
     }
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained, unexplained);
@@ -424,6 +431,8 @@ double press_filter::turn_probability(const explanation& of) const
 {
     return happens(learned(d_set.turns, of.turn.seen, of.turn.watched_s) / 2);
 }
+
+double press_filter::hand_probability() const { return happens(d_set.hands); }
 
 double press_filter::move_probability(const explanation& of) const
 {

@@ -178,7 +178,6 @@ void bind_press(py::module& m)
                          turn_deg,
                          turn_np,
                          hands,
-                         near_s,
                          steps,
                          rarest,
                          contact_np,
