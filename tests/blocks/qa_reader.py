@@ -6,7 +6,7 @@ import threading
 import numpy as np
 import pmt
 import pytest
-from chain_runs import readings_of_reader
+from chain_runs import readings_of_chain, readings_of_reader
 from device_times import rx_time, tag_at
 from gnuradio import blocks, gr, wiforce
 from machine import wait_until
@@ -60,6 +60,27 @@ def test_reader_clipped_groups_are_flagged_for_every_input(codes, tmp_path, way)
     )
     flagged = [i for i, reading in enumerate(readings) if "saturated" in reading.flags]
     assert flagged == [12, 19, 20]
+
+
+@pytest.mark.parametrize("way", ["samples", "folded", "chain"])
+def test_reader_times_count_from_the_first_sample_of_the_stream(codes, tmp_path, way):
+    """A stream that begins before the first frame gave times that began with it."""
+    before = 3 * FRAME + 100
+    late = np.concatenate([np.zeros((before, 2), "<i2"), codes[: 14 * GROUP]])
+    late.tofile(tmp_path / "late.bin")
+    if way == "samples":
+        found = readings_of_reader(SCENE, array_source(late), frame_offset=before)
+    elif way == "folded":
+        settings = {"frame_offset": before, "datatype": "ci16_le"}
+        source = wiforce.capture_source(tmp_path / "late.bin", SCENE, **settings)
+        found = readings_of_reader(SCENE, source, input_type="folded", frame_offset=before)
+    else:
+        settings = {"item_type": "sc16", "sample_rate": RATE_HZ, "frame_offset": before}
+        plan = wiforce.plan(SCENE).with_first_frame(before)
+        fold = wiforce.preamble_fold(FRAME, **settings)
+        found = readings_of_chain(plan, array_source(late), fold)
+    first_s = (before + GROUP / 2) / RATE_HZ
+    assert [r.time_s for r in found] == pytest.approx([first_s + 0.036 * n for n in range(14)])
 
 
 @pytest.mark.parametrize("start, lost", [(10 * GROUP + 19_777, 801), (20 * GROUP, 2 * GROUP + 300)])

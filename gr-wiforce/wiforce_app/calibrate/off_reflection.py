@@ -40,7 +40,7 @@ def off_reflection(capture, scene_path, datatype):
         read_capture(recording, scene, readings.append, frame_offset=None, on_groups=on_groups)
     for i, sensor in enumerate(scene.sensors):
         groups = [
-            int(reading.time_s / scene.group_period_s)
+            reading.group
             for reading in readings
             if reading.sensor == sensor.name
             and reading.touch is not None

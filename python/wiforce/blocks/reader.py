@@ -173,7 +173,8 @@ class reader(Kept, gr.hier_block2):
     input_type : str
         ``fc32`` or ``sc16`` samples, or ``folded`` vectors from a ``recording_source``.
     frame_offset : int
-        Samples before the first frame of the stream.
+        Samples before the first frame of the stream; for folded vectors, those before the first
+        vector. Times of readings count from the first sample.
     tracked : bool
         Follow each press over time instead of inverting each group by itself.
     on_reading : callable, optional
@@ -215,6 +216,8 @@ class reader(Kept, gr.hier_block2):
         if frame_offset < 0:
             raise InputError("frame_offset", "must be 0 or more", frame_offset)
         settings = as_plan(scene)
+        if frame_offset:
+            settings = settings.with_first_frame(frame_offset)
         if input_type != "folded":
             folding = settings.waveform.folding
             if settings.require_scene().environment.receive_antennas > 1:

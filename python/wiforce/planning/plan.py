@@ -80,6 +80,8 @@ class Plan:
         empty for one antenna, and where no survey has measured it.
     times_s : ndarray, shape (N,), or None
         Times of the snapshots of a typical group from its centre, in s; None on a grid.
+    start_s : float
+        Time at which group 0 begins, that of the first frame, from the first sample on.
 
     Examples
     --------
@@ -108,6 +110,7 @@ class Plan:
     in_lamps: tuple[bool, ...] = ()
     tag_ratios: tuple[float, ...] = ()
     times_s: np.ndarray | None = field(default=None, repr=False, compare=False)
+    start_s: float = 0.0
 
     def __str__(self) -> str:
         from .expected import expect  # which imports the simulation
@@ -177,6 +180,10 @@ class Plan:
         kept = self.__dict__.keys() & {"table", "sensors", "skin"}
         plan.__dict__.update({name: self.__dict__[name] for name in kept})
         return plan
+
+    def with_first_frame(self, frame_offset: int) -> "Plan":
+        """The plan for samples of which ``frame_offset`` come before the first frame."""
+        return self.stating(start_s=frame_offset / self.waveform.sample_rate_hz)
 
     def check_clocks(self) -> None:
         """Refuse clocks off by more than 1000 ppm that no survey has measured."""

@@ -32,7 +32,7 @@ class Readout:
 
     What a group was is clear when the next one is known. Earlier groups than ``first_group`` are
     not given; ``counts`` continues those of the readings given before. R is a ``change``, ``step``
-    or ``square`` (see ``estimators.Estimator``).
+    or ``square`` (see ``estimators.Estimator``). Group 0 begins at ``start_s``.
     """
 
     def __init__(
@@ -44,9 +44,10 @@ class Readout:
         first_group: int = 0,
         counts: GroupCounts | None = None,
         surface: SurfaceReadout | None = None,
+        start_s: float = 0.0,
     ) -> None:
         self.sensors, self._surface = sensors, surface
-        self._period_s = group_period_s
+        self._period_s, self._start_s = group_period_s, start_s
         self._unfolder = RatioUnfolder(ratios)
         self._steps = receiver_steps(group_period_s)
         # The group that waits, and what the stages before say of it, by sensor.
@@ -105,8 +106,11 @@ class Readout:
         """Readings of groups, and of the groups before them that were not received."""
         readings: list[Reading] = []
         names = list(self.sensors)
-        fields = reading_fields(read, names, self._period_s, flag_words)
-        of_surface = None if self._surface is None else self._surface.read(groups, self._period_s)
+        fields = reading_fields(read, names, self._period_s, self._start_s, flag_words)
+        of_surface = None
+        if self._surface is not None:
+            times_s = (groups.index + 0.5) * self._period_s + self._start_s
+            of_surface = self._surface.read(groups, times_s.tolist())
         for row, index in enumerate(groups.index.tolist()):
             if index < self._next:
                 continue
@@ -128,7 +132,7 @@ class Readout:
         surface = () if self._surface is None else self._surface.names
         kinds = {**dict.fromkeys(self.sensors, Reading), **dict.fromkeys(surface, SurfaceReading)}
         return [
-            kind((absent + 0.5) * self._period_s, name, flags=_GAP, group=absent)
+            kind((absent + 0.5) * self._period_s + self._start_s, name, flags=_GAP, group=absent)
             for absent in range(first, index)
             for name, kind in kinds.items()
         ]

@@ -31,7 +31,7 @@ class SurfaceReadout:
         self._estimator = estimator
         self._strips = list(estimator.skin.indices)
 
-    def read(self, groups: Groups, period_s: float) -> list[list[SurfaceReading]]:
+    def read(self, groups: Groups, times_s: Sequence[float]) -> list[list[SurfaceReading]]:
         """Readings of a batch with all flags of the sensors: for each group one per name."""
         strips = self._strips
         of_strips, touch = groups.flags[:, strips], groups.touch[:, strips]
@@ -42,15 +42,13 @@ class SurfaceReadout:
         poor = (usable & (std.max(axis=-1) > WEAK_PHASE_DEG)) | ~usable
         common |= _any(of_strips & Flag.WEAK.value & -poor.astype(int))
         flags = self._flags(found, of_strips, common)
-        interference = groups.interference.tolist()
+        of_groups = zip(times_s, groups.index.tolist(), groups.interference.tolist(), strict=True)
         return [
             [
-                self._reading(found, row, press, (index + 0.5) * period_s, flags, index, share)
+                self._reading(found, row, press, time_s, flags, index, share)
                 for press in range(len(self.names))
             ]
-            for row, (index, share) in enumerate(
-                zip(groups.index.tolist(), interference, strict=True)
-            )
+            for row, (time_s, index, share) in enumerate(of_groups)
         ]
 
     @staticmethod

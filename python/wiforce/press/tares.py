@@ -73,7 +73,8 @@ class TareReports:
 class TareRequests(TareReports):
     """Decides on requests for a tare from what the sensors show before and during it.
 
-    ``reference`` measures the new reference; ``sensors`` are given by name.
+    ``reference`` measures the new reference; ``sensors`` are given by name. Group 0 begins at
+    ``start_s``.
     """
 
     def __init__(
@@ -81,10 +82,11 @@ class TareRequests(TareReports):
         reference: ConjugateDifference,
         sensors: Mapping[str, SensorReadout],
         group_period_s: float,
+        start_s: float = 0.0,
     ) -> None:
         super().__init__()
         self._reference, self._sensors = reference, sensors
-        self._period_s = group_period_s
+        self._period_s, self._start_s = group_period_s, start_s
         self._measured: dict[str, _Measured] = {}
         self._index = 0
 
@@ -147,7 +149,7 @@ class TareRequests(TareReports):
     @property
     def time_s(self) -> float:
         """Time in the run up to which groups have been read."""
-        return self._index * self._period_s
+        return self._index * self._period_s + self._start_s
 
     def _touched(self, name: str) -> str:
         """Why a tare would not measure an untouched sensor; empty when it would."""

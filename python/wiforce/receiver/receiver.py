@@ -124,7 +124,9 @@ class Receiver:
         )
         self.average = SubcarrierAverage()
         self.readout = make_readout(plan, tracked, on_groups, first_group, counts, states)
-        self.tares = TareRequests(self.reference, self.readout.sensors, plan.group_period_s)
+        self.tares = TareRequests(
+            self.reference, self.readout.sensors, plan.group_period_s, plan.start_s
+        )
         self._separated, self._newest = False, -1
         self._one_thread = one_thread()
         self._shape = len(plan.table.tones), len(plan.waveform.bins)
@@ -305,7 +307,8 @@ def make_readout(
         from ..surface.estimator import SurfaceEstimator  # for scenes with a surface only
 
         surface = SurfaceReadout(SurfaceEstimator(plan.skin, len(names)), names)
-    return Readout(sensors, period_s, ratios, on_groups, first_group, counts, surface)
+    more = on_groups, first_group, counts, surface, plan.start_s
+    return Readout(sensors, period_s, ratios, *more)
 
 
 def _unseen(sensor: PlannedSensor, plan: Plan) -> SensorState:

@@ -107,7 +107,7 @@ class RecordingReader(CaptureReader):
             rule = "holds samples, but the scene has 'packets': it describes channel snapshots"
             raise InputError(recording.path, rule)
         recording.check_against(scene)
-        self.recording, self.plan = recording, plan
+        self.recording = recording
         problem = ""
         if frame_offset is None:
             frame_offset, place = first_frame(recording, plan.waveform)
@@ -118,6 +118,7 @@ class RecordingReader(CaptureReader):
             problem = offset_problem(recording, plan.waveform, seen, frame_offset)
         self.notes = [problem] if problem else []
         self.frame_offset = frame_offset
+        self.plan = plan = plan.with_first_frame(frame_offset)
         samples_of_group = plan.group_length * plan.waveform.frame_length
         super().__init__(recording.path, plan, (recording.span - frame_offset) // samples_of_group)
         self._folding, self._ends = ThreadPoolExecutor(1, "tones"), ThreadPoolExecutor(1, "ends")

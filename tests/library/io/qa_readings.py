@@ -45,13 +45,13 @@ def test_columns_of_kernel_readings_are_those_of_a_reading():
     found["phases_deg"], found["touch"], found["group"] = (-1.5, 2.5), 1, [[7], [8]]
     found["flags"] = (Flag.GAP | Flag.WEAK).value
     found["force_n"][1, 1], found["touch"][1, 1] = np.nan, -1
-    fields = reading_fields(found, ["left", "right"], 0.036, flag_words)
+    fields = reading_fields(found, ["left", "right"], 0.036, 1.0, flag_words)
     readings = list(map(reading_of, fields))
     assert [(each.sensor, each.group) for each in readings] == [
         ("left", 7), ("right", 7), ("left", 8), ("right", 8)
     ]  # fmt: skip
     assert readings[0] == Reading(
-        7.5 * 0.036,
+        7.5 * 0.036 + 1.0,
         "left",
         1,
         phase1_deg=-1.5,

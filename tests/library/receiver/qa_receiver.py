@@ -281,3 +281,13 @@ def test_recording_reader_that_is_refused_folds_nothing_more(tmp_path, monkeypat
     with pytest.raises(InputError, match="clock_tolerance_ppm"):
         recording.RecordingReader(open_capture(tmp_path / "wide"), scene)
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("tones")]
+
+
+def test_receiver_times_count_from_the_first_sample_also_of_lost_groups_and_tares():
+    """Rows of lost groups would stand among those of others."""
+    plan = wiforce.plan("surface_four_strips").with_first_frame(3_125_000)
+    receiver = Receiver(plan)
+    start_s = 3_125_000 / plan.waveform.sample_rate_hz
+    times = {each.time_s for each in receiver.finish(1)}
+    assert times == {start_s + plan.group_period_s / 2}
+    assert receiver.tare().time_s == pytest.approx(start_s)

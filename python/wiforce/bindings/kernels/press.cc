@@ -73,6 +73,7 @@ py::array_t<group_reading> read_groups(const press_reading& sensor,
 py::list fields_of(const array<group_reading>& readings,
                    const std::vector<py::str>& sensors,
                    double period_s,
+                   double start_s,
                    const py::function& flag_words)
 {
     const py::ssize_t count = sensors.size();
@@ -85,7 +86,7 @@ py::list fields_of(const array<group_reading>& readings,
     for (py::ssize_t i = 0; i < readings.size(); i++) {
         const auto& of = readings.data()[i];
         rows[i] =
-            py::make_tuple((of.group + 0.5) * period_s,
+            py::make_tuple((of.group + 0.5) * period_s + start_s,
                            sensors[i % count],
                            of.touch < 0 ? py::object(py::none()) : py::int_(of.touch),
                            known(of.force_n),
@@ -301,8 +302,9 @@ void bind_press(py::module& m)
     m.def(
         "reading_fields",
         &fields_of,
-        "readings: (G, S). sensors: their names. flag_words: gives the words of a sum of "
-        "flags.\nGives G x S tuples of the fields of a Reading.");
+        "readings: (G, S). sensors: their names. start_s: time at which group 0 begins.\n"
+        "flag_words: gives the words of a sum of flags.\n"
+        "Gives G x S tuples of the fields of a Reading.");
     PYBIND11_NUMPY_DTYPE(press_observation,
                          time_s,
                          phase,
