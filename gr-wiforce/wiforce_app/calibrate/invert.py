@@ -7,6 +7,7 @@ import click
 import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.writers import open_writer
+from gnuradio.wiforce.io.outputs import Outputs
 from gnuradio.wiforce.io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Reading
 from gnuradio.wiforce.io.text.textfile import cell_number, read_csv
 from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
@@ -15,7 +16,7 @@ from gnuradio.wiforce.signal.carrier import wrap_deg
 
 from ..shell.commands import GroupedHelp
 from ..shell.log import log
-from ..shell.options import CARRIER_HZ, Number, readings_output, sensor_names
+from ..shell.options import CARRIER_HZ, Number, readings_outputs, sensor_names
 
 _NEEDED = ("phase1_deg", "phase2_deg")
 _LARGEST = 1e12  # of any number: phases of more have no digits left for degrees
@@ -36,7 +37,7 @@ _OF_ANOTHER = (
     shell_complete=sensor_names,
     help="Shipped sensor or SENSOR.yaml.",
 )
-@readings_output
+@readings_outputs()
 @click.option(
     "--frequency-hz", type=CARRIER_HZ, help="Carrier, where it is not the sensor's only one."
 )
@@ -45,7 +46,7 @@ _OF_ANOTHER = (
 )
 @click.option("--tracked", is_flag=True, help="Follow each press over time_s, as a live reader.")
 @click.option("--smoothed", is_flag=True, help="Read each press as a whole, over time_s.")
-def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
+def invert(phases, model, outputs, frequency_hz, std_deg, tracked, smoothed):
     """Invert a CSV of PHASES (phase1_deg, phase2_deg; optionally time_s, sensor, location_mm).
 
     Where location_mm is given it is taken as known, unless location_std_mm says that it is a
@@ -62,7 +63,7 @@ def invert(phases, model, output, frequency_hz, std_deg, tracked, smoothed):
     if frequency_hz is None and len(sensor.frequencies_hz) > 1:
         held = ", ".join(f"{frequency:g}" for frequency in sensor.frequencies_hz)
         raise InputError("--frequency-hz", f"must be one of the sensor's carriers, {held}")
-    writer = open_writer(output, (phases, model))
+    writer = Outputs(*(open_writer(path, (phases, model)) for path in outputs or [None]))
     rows = _read(phases)
     std = DEFAULT_STD_DEG if std_deg is None else std_deg
     measured = np.array([[row[column] for column in _NEEDED] for row in rows])

@@ -29,7 +29,7 @@ from ..shell.options import (
     IntegerRange,
     mcap_output,
     radio_options,
-    readings_output,
+    readings_outputs,
     tracked_presses,
     web_options,
 )
@@ -60,7 +60,7 @@ _DRIVERS_TAKE = ("args", "tx_args", "antenna", "tx_antenna", "reference")
     ),
 )
 @radio_options
-@readings_output
+@readings_outputs()
 @click.option("--append", is_flag=True, help="Append to the output instead of replacing it.")
 @click.option(
     "--rotate",
@@ -134,7 +134,7 @@ _DRIVERS_TAKE = ("args", "tx_args", "antenna", "tx_antenna", "reference")
 def live(
     scene_path,
     args,
-    output,
+    outputs,
     append,
     rotate,
     keep,
@@ -171,8 +171,10 @@ def live(
         log.warning(text)
     also = (*scene.more_columns, *STAMP_COLUMNS)
     try:
-        table = open_writer(output, scene.files, also, append, metadata, rotation)
-        with Outputs(table) as outputs:
+        settings = scene.files, also, append, metadata, rotation
+        files = [open_writer(path, *settings) for path in outputs or [None]]
+        line = not rows_on_terminal(outputs)
+        with Outputs(*files) as outputs:
             if zmq_endpoint is not None:
                 outputs.add(ReadingsPublisher(zmq_endpoint, keys=keys))
                 if keys is None and not is_loopback(endpoint_of(zmq_endpoint, "--zmq")):
@@ -184,7 +186,6 @@ def live(
             endpoints = [(control, keys)] if control else []
             if web is not None:
                 endpoints.append((_open_page(outputs, web, web_token), None))
-            line = not rows_on_terminal(output)
             options = {"tracked": tracked, "recording": record}
             _run(scene, request, outputs, endpoints, duration, reconnect, line, **options)
     except DeviceLost as lost:

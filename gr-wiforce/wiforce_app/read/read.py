@@ -2,8 +2,9 @@
 """``gr-wiforce read``: force and location from a capture."""
 
 import click
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture.names import is_one
-from gnuradio.wiforce.io.files import OUTPUTS, OUTPUTS_HELP
+from gnuradio.wiforce.io.files import OUTPUTS
 
 from ..shell.commands import GroupedHelp
 from ..shell.options import (
@@ -12,6 +13,7 @@ from ..shell.options import (
     csi_file,
     csi_options,
     mcap_output,
+    readings_outputs,
     refuse,
     refuse_scenes,
     sample_type,
@@ -31,13 +33,7 @@ from ..shell.options import (
 )
 @click.argument("captures", nargs=-1, required=True, type=click.Path(), metavar="CAPTURE...")
 @capture_scene
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(),
-    help=f"{OUTPUTS_HELP}; of several captures a folder, for a file of each, or "
-    "one OUT.parquet. Default: CSV on standard output.",
-)
+@readings_outputs("Of several captures: a folder, for a file of each, or one OUT.parquet. ")
 @mcap_output
 @click.option(
     "--plot",
@@ -66,7 +62,7 @@ from ..shell.options import (
 def read(
     captures,
     scene_path,
-    output,
+    outputs,
     mcap,
     plot_path,
     follow,
@@ -90,9 +86,11 @@ def read(
         refuse(one, "needs several captures or a folder")
         from .read_one import read_one
 
-        return read_one(captures[0], scene_path, output, mcap, plot_path, follow, **settings)
+        return read_one(captures[0], scene_path, outputs, mcap, plot_path, follow, **settings)
     of_one = {"--mcap": mcap, "--plot": plot_path, "--follow": follow}
     refuse({**of_one, "--csi-tool": settings.pop("csi")}, "takes one capture")
+    if len(outputs) > 1:
+        raise InputError("--output", "must be given once for several captures", outputs[1])
     from .read_many import read_many
 
-    return read_many(captures, scene_path, output, form, again, jobs, settings)
+    return read_many(captures, scene_path, next(iter(outputs), None), form, again, jobs, settings)

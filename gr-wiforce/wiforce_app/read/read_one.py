@@ -18,7 +18,7 @@ from .recordings import SAMPLES_ONLY, open_reader, open_recording, warn_of_end, 
 
 
 def read_one(
-    capture, scene_path, output, mcap, plot_path, follow, datatype, csi, frame_offset, tracked
+    capture, scene_path, outputs, mcap, plot_path, follow, datatype, csi, frame_offset, tracked
 ):
     if is_snapshots(capture):
         refuse({"--datatype": datatype}, SAMPLES_ONLY)
@@ -29,7 +29,7 @@ def read_one(
     settings = plan(scene)
     inputs = [*recording.files, *scene.files]
     check_picture(plot_path, inputs)
-    writer = FileOutputs(*_writers(output, mcap, inputs, scene))
+    writer = FileOutputs(*_writers(outputs, mcap, inputs, scene))
     if follow:
         from .follow import GrowingCapture
 
@@ -40,21 +40,21 @@ def read_one(
     kept = []
     rows = 0 if follow else reader.groups * len(scene.reading_names)
     try:
-        with writer, progress("reading", rows, not rows_on_terminal(output)) as step:
+        with writer, progress("reading", rows, not rows_on_terminal(outputs)) as step:
             for batch in reader:
                 writer.write_all(batch)
                 if plot_path is not None:
                     kept += batch
                 step(len(batch))
     except KeyboardInterrupt as interrupt:
-        raise Interrupted(_partial(writer, output, rows)) from interrupt
+        raise Interrupted(_partial(writer, outputs, rows)) from interrupt
     warn_of_end(capture, reader)
     if plot_path is not None:
         from ..shell.plots import plot_readings
 
         length_mm = max(each.model.length_mm for each in settings.sensors)
         plot_readings(kept, plot_path, title=str(capture), length_mm=length_mm)
-    wrote = ", ".join(str(path) for path in (output, mcap, plot_path) if path is not None)
+    wrote = ", ".join(str(path) for path in (*outputs, mcap, plot_path) if path is not None)
     log.info(f"read {reader.counts}" + (f"; wrote {wrote}" if wrote else ""))
     return 0
 
@@ -71,20 +71,22 @@ class FileOutputs(Outputs):
             super().write_rows(rows)
 
 
-def _writers(output, mcap, inputs, scene):
-    """The writers of the readings file and, where that is asked for, of an MCAP file."""
-    form = format_of(output)
-    described = mcap is not None or (form is not None and not form.text)
+def _writers(outputs, mcap, inputs, scene):
+    """The writers of the readings files and, where that is asked for, of an MCAP file."""
+    forms = [form for output in outputs if (form := format_of(output)) is not None]
+    described = mcap is not None or not all(form.text for form in forms)
     metadata = provenance(scene) if described else {}
-    yield open_writer(output, inputs, scene.more_columns, metadata=metadata)
+    for output in outputs or [None]:
+        yield open_writer(output, inputs, scene.more_columns, metadata=metadata)
     if mcap is not None:
         from gnuradio.wiforce.io.files.mcap_file import McapWriter
 
         yield McapWriter(mcap, inputs, metadata, scene.reading_names)
 
 
-def _partial(writer, output, rows):
+def _partial(writer, outputs, rows):
     """What an interrupted run has written."""
     if not writer.rows:
         return "nothing has been written"
-    return f"{output or 'the output'} is partial: it holds the first {writer.rows} of {rows} rows"
+    said = "are partial: they hold" if len(outputs) > 1 else "is partial: it holds"
+    return f"{', '.join(outputs) or 'the output'} {said} the first {writer.rows} of {rows} rows"

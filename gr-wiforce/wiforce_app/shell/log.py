@@ -73,9 +73,9 @@ def is_journal() -> bool:
 log = Log()
 
 
-def rows_on_terminal(output):
-    """Whether the rows of an output appear on a terminal, where they would cut a line in two."""
-    return output is None and sys.stdout.isatty()
+def rows_on_terminal(outputs):
+    """Whether the rows of outputs appear on a terminal, where they would cut a line in two."""
+    return not outputs and sys.stdout.isatty()
 
 
 @contextlib.contextmanager

@@ -84,12 +84,31 @@ sample_type = click.option(
     type=click.Choice(["ci16_le", "cf32_le"]),
     help="Type of the samples, for a raw file without metadata.",
 )
-readings_output = click.option(
-    "-o",
-    "--output",
-    type=click.Path(),
-    help=f"{OUTPUTS_HELP}. Default: CSV on standard output.",
-)
+
+
+def _different_files(_, __, outputs):
+    known = set()
+    for output in outputs:
+        path = os.path.realpath(output)
+        if path in known:
+            raise InputError(output, "must be given once as output")
+        known.add(path)
+    return outputs
+
+
+def readings_outputs(of_many=""):
+    """The option for files of readings, which may be repeated; ``of_many`` captures, if any."""
+    return click.option(
+        "-o",
+        "--output",
+        "outputs",
+        type=click.Path(),
+        multiple=True,
+        callback=_different_files,
+        help=f"{OUTPUTS_HELP}; may be repeated. {of_many}Default: CSV on standard output.",
+    )
+
+
 sensor_output = click.option(
     "-o",
     "--output",

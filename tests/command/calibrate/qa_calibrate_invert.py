@@ -88,8 +88,10 @@ def test_readings_are_inverted_again_without_taking_their_location_as_known(fold
         f"1,arm,1,3.0,0.2,33.0,0,{phases[0]},{phases[1]}\n"
         f"2,arm,1,3.0,0.2,33.0,,{phases[0]},{phases[1]}\n"
     )
-    done = succeeded("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml")
-    rows = list(csv.DictReader(done.stdout.splitlines()))
+    outputs = "-o", tmp_path / "o.csv", "-o", tmp_path / "o.jsonl"
+    succeeded("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml", *outputs)
+    rows = list(csv.DictReader((tmp_path / "o.csv").open()))
+    assert (tmp_path / "o.jsonl").read_text().count("\n") == len(rows) == 3
     assert float(rows[0]["location_mm"]) == pytest.approx(33.0, abs=0.5)
     assert float(rows[0]["location_std_mm"]) > 0
     assert [float(row["location_std_mm"]) for row in rows[1:]] == [0, 0]

@@ -60,7 +60,8 @@ def test_live_outputs_all_hold_the_readings_of_the_file(
     """The run is ended by SIGTERM, as a service manager does, which hears of it."""
     device, (foxglove,) = software_usrp(scene), free_ports(1)
     output, bag = tmp_path / "out.csv", tmp_path / "out.mcap"
-    options = [*GAINS, "-o", output, "--mcap", bag, "--foxglove", foxglove, "--lsl"]
+    lines = tmp_path / "out.jsonl"
+    options = [*GAINS, "-o", output, "-o", lines, "--mcap", bag, "--foxglove", foxglove, "--lsl"]
     pylsl.set_config_content("[multicast]\nResolveScope = machine\n[log]\nlevel = -2\n")
 
     systemd = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -86,6 +87,10 @@ def test_live_outputs_all_hold_the_readings_of_the_file(
     recorder.join()
     rows = rows_of(output)
     assert sum(row["touch"] == "1" for row in rows) > PRESSED
+    written = [json.loads(line) for line in lines.read_text().splitlines()]
+    assert [(str(row["time_s"]), row["time_utc"]) for row in written] == [
+        (row["time_s"], row["time_utc"]) for row in rows
+    ]
     # What the messages hold is tested where they are made.
     topic, found = f"/wiforce/{SENSOR}", bag_messages(bag)
     times = [float(row["time_s"]) for row in rows]

@@ -79,6 +79,37 @@ def test_read_parquet_and_mcap_hold_the_rows_of_csv_and_their_scene(capture, tmp
     assert described[b"wiforce:version"]
 
 
+def test_read_writes_the_same_rows_to_each_output_that_is_given(capture, tmp_path):
+    """All but the last were not written, without a word."""
+    names = "out.csv", "out.jsonl", "out.parquet"
+    given = [word for name in names for word in ("-o", tmp_path / name)]
+    said = succeeded("read", capture, *given).stderr
+    assert f"wrote {', '.join(str(tmp_path / name) for name in names)}" in said
+    rows = rows_of(tmp_path / names[0])
+    lines = [json.loads(line) for line in (tmp_path / names[1]).read_text().splitlines()]
+    assert [{k: "" if v is None else str(v) for k, v in line.items()} for line in lines] == rows
+    frame = pandas.read_parquet(tmp_path / names[2])
+    assert [str(time_s) for time_s in frame["time_s"]] == [row["time_s"] for row in rows]
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["read", "press", "-o", "a.csv", "-o", "./a.csv"], "./a.csv: must be given once"),
+        (["invert", "p.csv", "--sensor", "s", "-o", "a.csv", "-o", "a.csv"], "must be given once"),
+        (["live", "--scene", "demo", "-o", "a.csv", "-o", "a.csv"], "must be given once"),
+        (["read", "press", "none", "-o", "a", "-o", "b"], "--output: must be given once for"),
+    ],
+)
+def test_outputs_that_cannot_be_written_beside_each_other_are_refused(
+    capture, tmp_path, arguments, message
+):
+    """The file of two writers would hold each row twice, or parts of rows."""
+    (tmp_path / "press").symlink_to(capture)
+    assert message in refused(*arguments, cwd=tmp_path)
+    assert not list(tmp_path.glob("a*"))
+
+
 def test_output_that_is_the_scene_or_a_raw_capture_is_refused(capture, tmp_path):
     scene = tmp_path / "press.truth.csv"
     scene.write_text(yaml.safe_dump(SCENE))
