@@ -2,13 +2,11 @@
 """What is known of a run: state, clock and age of its readings, for heartbeats and systemd."""
 
 import os
-import secrets
 import socket
 import threading
 import time
 from collections.abc import Callable, MutableMapping
 from dataclasses import dataclass
-from datetime import datetime, timezone
 
 from gnuradio.wiforce.io.readings import Reading, written_utc
 from gnuradio.wiforce.press.sensor_state import PATIENCE_S, describe_silence
@@ -60,17 +58,17 @@ class _Tag:
 
 
 class RunHealth:
-    """Observes a session; ``log`` takes a line for the user, ``run`` identifies the run."""
+    """Observes a session of a ``run``; ``log`` takes a line for the user."""
 
     def __init__(
         self,
+        run: str,
         session: LiveSession,
         log: Callable[[str], None],
         device_state: Callable[[], str] = lambda: RUNNING,
         now: Callable[[], float] = time.monotonic,
     ):
-        # UTC of its start and six random characters.
-        self.run = f"{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
+        self.run = run
         self._session, self._log, self._now = session, log, now
         self._device_state = device_state
         self._tags = {each.name: _Tag(each.model.length_mm) for each in self._stream.plan.sensors}

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``gr-wiforce live``: transmit, receive and read with a radio."""
 
+import secrets
 import signal
 import sys
 import threading
+from datetime import datetime, timezone
 from functools import partial
 
 import click
@@ -167,6 +169,8 @@ def live(
     request = radio_request(args, scene, receive_s=RECEIVE_S[latency], **radio)
     rotation = Rotation.of(rotate, keep)
     metadata = provenance(scene)
+    # UTC of its start and six random characters.
+    run = f"{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}"
     for text in accepted_suspicions(scene):
         log.warning(text)
     also = (*scene.more_columns, *STAMP_COLUMNS)
@@ -182,12 +186,12 @@ def live(
                         f"--zmq {zmq_endpoint}: everybody who reaches this address can read and "
                         "subscribe; --zmq-keys encrypts, and accepts known clients only"
                     )
-            _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata)
+            _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata, run)
             endpoints = [(control, keys)] if control else []
             if web is not None:
                 endpoints.append((_open_page(outputs, web, web_token), None))
             options = {"tracked": tracked, "recording": record}
-            _run(scene, request, outputs, endpoints, duration, reconnect, line, **options)
+            _run(run, scene, request, outputs, endpoints, duration, reconnect, line, **options)
     except DeviceLost as lost:
         kept = "all readings until then are kept" if outputs.rows else "there are no readings"
         log.error(f"{lost}; {kept}")
@@ -209,7 +213,7 @@ def _keys_of(zmq_endpoint, control, folder):
     return ServerKeys.load(folder)
 
 
-def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata):
+def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata, run):
     if mcap is not None:
         from gnuradio.wiforce.io.files.mcap_file import McapWriter
 
@@ -224,7 +228,8 @@ def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata):
     if lsl is not None:
         from gnuradio.wiforce.io.network.lsl_outlets import LslOutlets
 
-        details = {"version": metadata["wiforce:version"], "scene": metadata["wiforce:scene"]}
+        version, described = metadata["wiforce:version"], metadata["wiforce:scene"]
+        details = {"run": run, "version": version, "scene": described}
         surfaces = scene.surface.names if scene.surface is not None else ()
         network, period_s = lsl == "network", scene.group_period_s
         outputs.add(LslOutlets(scene.sensor_names, period_s, network, details, surfaces=surfaces))
@@ -285,7 +290,7 @@ def warn_of_oscillators(link):
         log.warning(f"the {direction} oscillator does not lock; readings may drift")
 
 
-def _run(scene, request, outputs, endpoints, duration, reconnect, line, **options):
+def _run(run, scene, request, outputs, endpoints, duration, reconnect, line, **options):
     """Run a session until a signal, a request or `duration` ends it; raises DeviceLost."""
     from ..radio.request import shorten_pauses
     from .health import Heartbeat, RunHealth, ServiceManager
@@ -320,7 +325,7 @@ def _run(scene, request, outputs, endpoints, duration, reconnect, line, **option
     session = LiveSession(scene, request, on_reading, **options)
     reader = session.reader
     keeper = RadioKeeper(request, session, reconnect, on_open=opened)
-    health = RunHealth(session, log.info, lambda: keeper.state)
+    health = RunHealth(run, session, log.info, lambda: keeper.state)
     monitor = SessionMonitor(session, health, line=line)
     service = ServiceManager(session, keeper)
     tares = TareLog(session, log.info)

@@ -110,4 +110,9 @@ def test_live_outputs_all_hold_the_readings_of_the_file(
     # Both clocks are those of this machine, read one after the other.
     utc_s = [datetime.fromisoformat(row["time_utc"]).timestamp() for row in rows[-len(force_n) :]]
     assert np.ptp([time_s for time_s, _ in recorder.samples] - np.array(utc_s)) < 1e-2
+    assert [tuple(values[-2:]) for _, values in recorder.samples] == [
+        (float(row["time_s"]), s) for row, s in zip(rows[-len(utc_s) :], utc_s, strict=True)
+    ]
+    described = recorder.info.desc().child("acquisition")
+    assert {described.child_value("run")} == {row["run"] for row in rows}
     assert recorder.info.nominal_srate() == pytest.approx(1 / SLOW_GROUP_S)

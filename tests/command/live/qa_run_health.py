@@ -53,6 +53,7 @@ class Run:
             ),
         )
         self.health = RunHealth(
+            "20260101T000000Z-abcdef",
             self.session,
             self.said.append,
             device_state=lambda: self.device,

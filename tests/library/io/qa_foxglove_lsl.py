@@ -13,7 +13,7 @@ import pytest
 import websockets.sync.client
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.foxglove_server import FoxgloveServer
-from gnuradio.wiforce.io.network.lsl_outlets import CHANNELS, LslOutlets
+from gnuradio.wiforce.io.network.lsl_outlets import CHANNELS, TIME_CHANNELS, LslOutlets
 from gnuradio.wiforce.io.readings import Reading
 from machine import free_port, wait_until
 from ros_clients import SUBPROTOCOL, FoxgloveClient
@@ -83,9 +83,12 @@ def test_lsl_samples_have_the_time_of_the_measurement():
     sample, sample_s = inlet.pull_sample(timeout=300)
     unknown, unknown_s = inlet.pull_sample(timeout=300)
     outlets.close()
-    found = {label: value for (label, *_), value in zip(CHANNELS, sample, strict=True)}
+    channels = CHANNELS + TIME_CHANNELS
+    found = {label: value for (label, *_), value in zip(channels, sample, strict=True)}
     assert (found["force_n"], found["touch"], found["flags"], found["group"]) == (4.0, 1, 10, 7)
     assert math.isnan(found["location_mm"])
+    assert sample[-2:] == [0.018, pytest.approx(measured_s, abs=1e-5)]
+    assert unknown[-2] == 0.054 and math.isnan(unknown[-1])
     # Both clocks are read here and by the outlet, between which the process may wait its turn.
     assert sample_s == pytest.approx(before_s - 0.1, abs=0.02)
     assert all(math.isnan(value) for value in unknown[:9]) and unknown_s >= before_s

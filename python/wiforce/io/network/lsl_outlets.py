@@ -33,6 +33,8 @@ SURFACE_CHANNELS = (
     ("cov_force_y", "N mm", "Covariance"),
     ("cov_x_y", "mm^2", "Covariance"),
 )
+# Behind all others: the group's centre in the run, and in seconds since 1970.
+TIME_CHANNELS = (("time_s", "s", "Time"), ("time_utc", "s", "Time"))
 # Without this, liblsl offers its streams on all networks of the machine, and logs on standard
 # error what it does.
 _THIS_MACHINE = """\
@@ -66,8 +68,8 @@ class LslOutlets(Output):
         if not network:
             self._pylsl.set_config_content(_THIS_MACHINE)
         self._channels: dict[str, tuple[tuple[str, str, str], ...]] = {
-            **dict.fromkeys(sensors, CHANNELS),
-            **dict.fromkeys(surfaces, CHANNELS + SURFACE_CHANNELS),
+            **dict.fromkeys(sensors, CHANNELS + TIME_CHANNELS),
+            **dict.fromkeys(surfaces, CHANNELS + SURFACE_CHANNELS + TIME_CHANNELS),
         }
         self._outlets = {
             name: self._outlet(name, period_s, details or {}, channels)
@@ -77,11 +79,11 @@ class LslOutlets(Output):
     def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
         """Send readings; the time of this call counts where ``time_utc`` is empty."""
         for row in rows:
-            values = {**row, "flags": flag_bits(tuple(row["flags"].split()))}
+            utc_s = parsed_utc(row["time_utc"]).timestamp() if row.get("time_utc") else None
+            values = {**row, "flags": flag_bits(tuple(row["flags"].split())), "time_utc": utc_s}
             known = [values[name] for name, *_ in self._channels[row["sensor"]]]
             lsl_s = self._pylsl.local_clock()
-            if row.get("time_utc"):
-                utc_s = parsed_utc(row["time_utc"]).timestamp()
+            if utc_s is not None:
                 lsl_s += utc_s - time.time()
             sample = [math.nan if value is None else float(value) for value in known]
             self._outlets[row["sensor"]].push_sample(sample, lsl_s)
