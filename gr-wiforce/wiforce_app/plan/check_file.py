@@ -31,6 +31,7 @@ from gnuradio.wiforce.io.capture.names import is_snapshots, second_antenna
 from gnuradio.wiforce.io.capture.samples import CLIPPED, likely_datatype
 from gnuradio.wiforce.io.csi_tools import tool_of
 from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
+from gnuradio.wiforce.planning.advice import outside_band
 from gnuradio.wiforce.planning.findings import measure_tags, other_clocks, wrong_clocks
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.recording import RecordingReader
@@ -156,7 +157,8 @@ def check_capture(capture, scene_path):
         raise InputError(capture.path, "holds no whole frame of finite samples")
     levels = asdict(measure_levels(finite.ravel(), waveform))
     tags, clocks, reason = _tags(capture, scene)
-    advice = [*advice_on_levels(levels), *advice_on_sensors(tags, scene, *clocks)]
+    of_sensors = advice_on_sensors(tags, scene, *clocks)
+    advice = [*outside_band(scene), *advice_on_levels(levels), *of_sensors]
     found = {
         "files": files,
         "first_frame": first,

@@ -8,6 +8,7 @@ import pytest
 import yaml
 from command_runs import refused, run_command
 from gnuradio import wiforce
+from gnuradio.wiforce.planning.advice import outside_band
 from packet_simulator import PacketCapture, PacketTag
 from wiforce_app.plan.check_file import check_file
 
@@ -225,6 +226,15 @@ def test_check_with_a_wrong_clock_names_the_one_on_the_air(capture, tmp_path):
     advice(340)
     done = run_command("read", capture, "--scene", tmp_path / "other.yaml")
     assert "does not list: is it the scene of what is received?" in done.stderr
+
+
+def test_check_of_a_capture_outside_its_band_warns_as_plan_does(tmp_path):
+    """A recording was called ready although its transmitter had left the permitted band."""
+    scene = wiforce.load_scene({**SCENE, "environment": {"band": "us-902-928"}})
+    wiforce.simulate(scene, tmp_path / "press")
+    found, text = checked(tmp_path / "press")
+    assert found["advice"] == list(outside_band(scene)) and found["advice"]
+    assert "leaves environment.band us-902-928" in text and "ready to be read" not in text
 
 
 def test_check_raw_samples_gives_what_the_scene_and_the_file_state(capture, tmp_path):
