@@ -64,7 +64,10 @@ def invert(phases, model, outputs, frequency_hz, std_deg, tracked, smoothed):
         held = ", ".join(f"{frequency:g}" for frequency in sensor.frequencies_hz)
         raise InputError("--frequency-hz", f"must be one of the sensor's carriers, {held}")
     writer = Outputs(*(open_writer(path, (phases, model)) for path in outputs or [None]))
-    rows = _read(phases)
+    every = _read(phases)
+    rows = [row for row in every if math.isfinite(row[_NEEDED[0]])]
+    if not rows:
+        raise InputError(phases, "must have a row with phases")
     std = DEFAULT_STD_DEG if std_deg is None else std_deg
     measured = np.array([[row[column] for column in _NEEDED] for row in rows])
     known = np.array([row["location_mm"] for row in rows])
@@ -86,15 +89,19 @@ def invert(phases, model, outputs, frequency_hz, std_deg, tracked, smoothed):
         suspected = [_OF_ANOTHER]
     for text in suspected:
         log.warning(f"{phases}: {text}")
+    readings = (
+        _reading(row, sensor, std, state, found.get(index))
+        for index, (row, state) in enumerate(zip(rows, touch.tolist(), strict=True))
+    )
     with writer:
         writer.write_all(
-            _reading(row, sensor, std, state, found.get(index))
-            for index, (row, state) in enumerate(zip(rows, touch.tolist(), strict=True))
+            next(readings) if math.isfinite(row[_NEEDED[0]]) else _without_phases(row, sensor)
+            for row in every
         )
 
 
 def _read(path):
-    """Sensor, group, phases, and time and location or NaN of each row."""
+    """Sensor, group, and phases, time and location or NaN of each row."""
     header, lines = read_csv(path)
     if "y_mm" in header:
         rule = "holds readings of a surface, which are not computed from one sensor's phases: "
@@ -106,8 +113,11 @@ def _read(path):
     rows = []
     for number, line in lines:
         where, group = f"{path}: row {number}", (line.get("group") or "").strip()
+        # As `read` writes of a sensor that was not received.
+        absent = not any((line[column] or "").strip() for column in _NEEDED)
+        unknown = empty | (dict.fromkeys(_NEEDED, math.nan) if absent else {})
         row = {
-            column: cell_number(line, column, where, empty.get(column), _LARGEST)
+            column: cell_number(line, column, where, unknown.get(column), _LARGEST)
             for column in (*_NEEDED, *empty)
         }
         if row["location_std_mm"] > 0:
@@ -152,6 +162,12 @@ def _smoothed(sensor, phases, std, touched, period, frequency_hz):
 def _values(read):
     """Force, its std, location, its std and flags of each reading."""
     return zip(*(getattr(read, name).tolist() for name in ESTIMATES), read.flags, strict=True)
+
+
+def _without_phases(row, sensor):
+    """The reading of a row without phases: no value, flagged as by `read`."""
+    name = row["sensor"] or sensor.name
+    return Reading(row["time_s"], name, flags=("weak",), group=row["group"])
 
 
 def _reading(row, sensor, std, touch, found):

@@ -69,6 +69,8 @@ def test_phases_become_force_and_location_between_the_calibrated_ones(folder, li
             "phase1_deg,phase2_deg\n-1e30,1\n",
             "phase1_deg: must be finite and at most 1e+12, got '-1e30'",
         ),
+        ("phase1_deg,phase2_deg\n,20\n", "row 2: phase1_deg: must be a number, got ''"),
+        ("time_s,phase1_deg,phase2_deg\n1,,\n", "must have a row with phases"),
         ("phase1_deg,phase2_deg,y_mm\n10,20,\n", "holds readings of a surface"),
     ],
 )
@@ -95,6 +97,24 @@ def test_readings_are_inverted_again_without_taking_their_location_as_known(fold
     assert float(rows[0]["location_mm"]) == pytest.approx(33.0, abs=0.5)
     assert float(rows[0]["location_std_mm"]) > 0
     assert [float(row["location_std_mm"]) for row in rows[1:]] == [0, 0]
+
+
+@pytest.mark.parametrize("option", [[], ["--tracked"], ["--smoothed"]])
+def test_readings_of_a_sensor_that_was_not_received_stay_empty_rows(folder, tmp_path, line, option):
+    """One lost group kept the output of `read` from being inverted again."""
+    phases = ",".join(map(str, line.phases_deg(4.0, 33.0)))
+    rows = [f"{t},arm,{t},{phases}" for t in range(5)]
+
+    def inverted(*rows):
+        (tmp_path / "r.csv").write_text(
+            "\n".join(["time_s,sensor,group,phase1_deg,phase2_deg", *rows])
+        )
+        done = succeeded("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml", *option)
+        return done.stdout.splitlines()[1:]
+
+    found = inverted(*rows[:2], "2,arm,2,,", *rows[3:])
+    assert found[2] == "2.0,arm,,,,,,,,,weak,2,"
+    assert found[:2] + found[3:] == inverted(*rows[:2], *rows[3:])
 
 
 def test_taps_refine_a_sensor(folder, line, tmp_path):
