@@ -12,6 +12,7 @@ from gnuradio.wiforce.wiforce_kernels import (
     end_separation,
     locked_tag,
     noise_estimate,
+    spread_lines,
     whiten,
 )
 from plain import normal
@@ -194,26 +195,23 @@ def test_kernel_expects_less_of_a_group_that_lacks_snapshots(run):
     assert tracker.groups == 13 and tracker.energy == pytest.approx(before + step)
 
 
-def test_kernel_passes_on_what_is_corrected(run):
-    """Spread lines are subtracted before the ends are solved, wander from the residual only."""
-    plain = by_kernel(run, False, True, [3])
-    rows = []
-
-    def spread(row, fit, phase, rate):
-        rows.append(row)
-        assert phase.shape == rate.shape == (2,) and fit.ends.shape == (1, 4, SUBCARRIERS)
-        return 2 * run.white[row]
+def test_kernel_takes_wander_from_the_residual_only(run):
+    """The ends' phases are not disturbed by it."""
 
     def wander(row, fit, phase, rate):
+        assert phase.shape == rate.shape == (2,) and fit.ends.shape == (1, 4, SUBCARRIERS)
         fit.residual[0] *= 1.5
 
-    louder = by_kernel(run, False, False, [GROUPS], spread)
-    assert rows == [*range(GROUPS)]
-    unchanged = by_kernel(run, False, False, [GROUPS])
-    np.testing.assert_allclose(louder["ends"], 2 * unchanged["ends"], rtol=1e-12)
-    noisy = by_kernel(run, False, True, [3], None, wander)
+    plain, noisy = (by_kernel(run, False, True, [3], wander=each) for each in (None, wander))
     np.testing.assert_allclose(noisy["ends"][0], plain["ends"][0], rtol=1e-12)
     assert noisy["noise"][-1].mean() > 1.1 * plain["noise"][-1].mean()
+
+
+def test_kernel_refuses_spread_lines_of_other_tones(run):
+    """A kernel must not read beyond its arrays."""
+    spread = spread_lines(np.arange(5), np.ones(8), np.ones(5), 4, None, None, 1)
+    with pytest.raises(ValueError, match="spread must be of these tones"):
+        by_kernel(run, False, True, [GROUPS], spread)
 
 
 def test_kernel_stops_before_a_clock_that_is_given_up(run):

@@ -195,7 +195,8 @@ struct end_separation::one {
     const group& of;
     const std::vector<tag>& tags;
     noise_estimate& noise;
-    const corrections& by;
+    spread_lines* const spread;
+    const remove_wander& wander;
     separated& found;
     std::vector<complex>& parts;         // M x K, as received
     std::vector<complex>& white;         // and whitened
@@ -236,8 +237,9 @@ struct end_separation::one {
         end_fit found({ 1, of.weights->tones(), 2 * tags.size(), subcarriers },
                       mixed.data(),
                       white.data());
-        if (by.spread && !tags.empty()) {
-            cleaned = by.spread(number, found, phase, rate);
+        if (spread && !tags.empty()) {
+            cleaned = spread->removed(
+                found, 0, *of.weights, clocks.data(), pulses.data(), white.data());
             found.solve(cleaned.data());
         }
         return found;
@@ -249,7 +251,8 @@ end_separation::separated end_separation::process(const std::vector<tag>& tags,
                                                   std::size_t subcarriers,
                                                   noise_estimate& noise,
                                                   bool update,
-                                                  const corrections& by)
+                                                  spread_lines* spread,
+                                                  const remove_wander& wander)
 {
     separated found;
     std::vector<complex> parts, white;
@@ -261,9 +264,8 @@ end_separation::separated end_separation::process(const std::vector<tag>& tags,
         if (found.outcome != noise_estimate::verdict::learned ||
             (update && found.groups && std::any_of(tags.begin(), tags.end(), given_up)))
             break;
-        one next{
-            found.groups, subcarriers, group, tags, noise, by, found, parts, white
-        };
+        one next{ found.groups, subcarriers, group, tags,  noise,
+                  spread,       wander,      found, parts, white };
         next.receive();
         if (update)
             correct_clocks(next);
@@ -284,7 +286,7 @@ void end_separation::correct_clocks(one& group) const
     std::vector<complex> own;
     std::optional<end_fit> fit;
     auto& parts = group.parts;
-    if (tags.size() > 1 || d_settings.jointly || group.by.spread) {
+    if (tags.size() > 1 || d_settings.jointly || group.spread) {
         fit.emplace(group.fit(d_settings.averaging_s));
         if (d_settings.jointly)
             errors = phase_errors(information_of(*fit, inverse_noise));
@@ -325,8 +327,8 @@ void end_separation::separate(one& group, bool update)
     const std::size_t subcarriers = group.subcarriers;
     auto& found = group.found;
     auto fit = group.fit(d_settings.averaging_s);
-    if (group.by.wander)
-        group.by.wander(group.number, fit, group.phase, group.rate);
+    if (group.wander)
+        group.wander(group.number, fit, group.phase, group.rate);
     auto residual = fit.power();
     for (double& each : residual)
         each /= fit.freedom();

@@ -5,6 +5,7 @@
 #include "end_fit.h"
 #include "group_weights.h"
 #include "noise_estimate.h"
+#include "spread_lines.h"
 
 #include <cstddef>
 #include <deque>
@@ -39,8 +40,7 @@ public:
         bool jointly;             // clocks by the complete model, not by each tag's lines
         // Power of line 1 of end 1, by which the SNR is defined.
         double line_power;
-        // Error of a phase, in rad, that noise does not explain; 0 unless the tags switch
-        // within a symbol.
+        // Error of a phase, in rad, that noise does not explain.
         double least_error;
         double absent_s, unseen_s; // see clock_tracker::expired
     };
@@ -63,19 +63,13 @@ public:
         std::variant<const fc32*, const complex*> tones; // M x K
     };
 
-    // What the tags do beyond the fit of a group, by its number and the tags' clocks
-    // (phases in rad, rates in rad/s above nominal); empty where they do nothing.
-    template <class Result>
-    using correction = std::function<Result(std::size_t number,
-                                            end_fit& fit,
-                                            const std::vector<double>& phase,
-                                            const std::vector<double>& rate)>;
-    struct corrections {
-        // Whitened parts, M x K, without what tags spread over the subcarriers.
-        correction<std::vector<complex>> spread;
-        // Removes from the residual what the wander of clocks within the group explains.
-        correction<void> wander;
-    };
+    // Removes from the residual of a fit what the wander of clocks within the group
+    // explains, by its number and the tags' clocks (phases in rad, rates in rad/s above
+    // nominal).
+    using remove_wander = std::function<void(std::size_t number,
+                                             end_fit& fit,
+                                             const std::vector<double>& phase,
+                                             const std::vector<double>& rate)>;
 
     // Of the first groups given, up to one that the noise does not fit, or before which
     // the clock of a tag is given up. By end: 2S; by tag: S; by subcarrier: K. Ends of
@@ -100,12 +94,14 @@ public:
     void reset() { d_coherent.assign(d_coherent.size(), {}); }
 
     // `update`: clocks and noise, unless they were acquired from these very groups.
+    // `spread`: may be null, `wander`: empty, where there is nothing to remove.
     separated process(const std::vector<tag>& tags,
                       const std::vector<group>& groups,
                       std::size_t subcarriers,
                       noise_estimate& noise,
                       bool update,
-                      const corrections& by);
+                      spread_lines* spread,
+                      const remove_wander& wander);
 
 private:
     struct one; // group that is being separated

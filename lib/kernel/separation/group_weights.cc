@@ -124,6 +124,57 @@ void group_weights::averages(const switching_clock& at,
     }
 }
 
+WIFORCE_CLONES
+std::vector<double> group_weights::courses(const switching_clock* clocks,
+                                           const switching_pulses* of,
+                                           std::size_t tags,
+                                           const double* mixing,
+                                           std::size_t length,
+                                           int repetitions) const
+{
+    const std::size_t snapshots = d_times_s.size(), ends = 2 * tags, row = ends * d_tones;
+    std::vector<double> courses(length * row), average(snapshots), slope(snapshots);
+    for (std::size_t end = 0; end < ends; end++) {
+        const auto& at = clocks[end / 2];
+        averages(at, of[end / 2], end % 2, average.data(), slope.data());
+        for (std::size_t i = 0; i < snapshots; i++) {
+            if (slope[i] == 0)
+                continue;
+            // A pulse that begins in the window, where the average rises with the phase,
+            // is on behind its edge, one that ends before it.
+            const double edge = slope[i] > 0 ? 1 - average[i] : average[i];
+            // Samples from the start of the repetition that holds the edge.
+            const double sample = std::fmod(edge * repetitions * length, length);
+            const auto first = std::min(static_cast<std::size_t>(sample), length - 1);
+            const double late = sample - first,
+                         step = (slope[i] > 0 ? 1.0 : -1.0) / repetitions;
+            const double* const from = &d_mixer[i * d_width];
+            double* const to = &courses[first * row + end * d_tones];
+            // An edge within a sample leaves the mean over it; behind the last one
+            // nothing follows.
+            for (std::size_t tone = 0; tone < d_tones; tone++)
+                to[tone] += step * (1 - late) * from[tone];
+            if (first + 1 < length)
+                for (std::size_t tone = 0; tone < d_tones; tone++)
+                    to[row + tone] += step * late * from[tone];
+        }
+    }
+    std::vector<double> offset(row);
+    for (std::size_t n = 0; n < length; n++)
+        for (std::size_t i = 0; i < row; i++) {
+            if (n)
+                courses[n * row + i] += courses[(n - 1) * row + i];
+            offset[i] -= courses[n * row + i] / length;
+        }
+    for (std::size_t end = 0; end < ends; end++)
+        for (std::size_t tone = 0; tone < d_tones; tone++)
+            offset[end * d_tones + tone] += mixing[tone * ends + end];
+    for (std::size_t n = 0; n < length; n++)
+        for (std::size_t i = 0; i < row; i++)
+            courses[n * row + i] += offset[i];
+    return courses;
+}
+
 const std::vector<double>& group_weights::colorer() const
 {
     const std::size_t n = tones();

@@ -78,6 +78,16 @@ public:
                                  const switching_pulses* of,
                                  std::size_t tags) const;
 
+    // What sample n of a symbol, through each of the 2S switches of S tags, leaves in the
+    // whitened parts, N x 2S x M; `repetitions` of the symbol are averaged. `mixing`, M x
+    // 2S, is the mean over the samples.
+    std::vector<double> courses(const switching_clock* clocks,
+                                const switching_pulses* of,
+                                std::size_t tags,
+                                const double* mixing,
+                                std::size_t length,
+                                int repetitions) const;
+
     const std::vector<double>& whitener() const { return d_whitener; }
 
     // Inverse of the whitener.

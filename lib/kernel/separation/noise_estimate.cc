@@ -28,8 +28,9 @@ constexpr double narrow_band_quartile = 1.5;
 // profile of a fading tag (exponential powers, 14 times the quartile at most) is no
 // narrow-band transmitter.
 constexpr double raised_stds = 5.2;
-// Least ratio that counts: with an SNR above 20 dB, what edges of the tag spread over the
-// subcarriers reaches 3, and less costs hardly anything.
+// Least ratio that counts: less costs hardly anything. With an SNR above 20 dB, what
+// edges of the tag spread over the subcarriers reaches 3 where it is not removed: in
+// channels that another device measured.
 constexpr double least_raised = 4.0;
 // Groups in a row in which it is raised after which that is its usual noise. A
 // transmitter that is on a subcarrier in four groups of ten hardly ever stays for as

@@ -6,8 +6,6 @@ Clock 1 runs at fs with 25 % duty, high for phases within +-pi/4 of 0. Clock 2 r
 the time Ta of the folded samples. The simulator has a model of its own (:mod:`..simulation.tag`).
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -76,34 +74,6 @@ def switch_averages_and_slopes(
     slopes *= -0.5 / np.asarray(half_window)[..., None, None]
     slopes[(averages == 0.0) | (averages == 1.0)] = 0.0
     return averages.swapaxes(-1, -2), slopes.swapaxes(-1, -2)
-
-
-class SwitchEdges(NamedTuple):
-    """Edges of the switching waveforms inside some windows, E of them."""
-
-    waveform: np.ndarray  # (E,), 0 for s1, 1 for s2
-    snapshot: np.ndarray  # (E,), index of the window
-    position: np.ndarray  # (E,), in the window, from -1 at its start to 1 at its end
-    step: np.ndarray  # (E,), 1 where the switch closes, -1 where it opens
-
-
-def switch_edges(
-    phase: np.ndarray,
-    half_window: float,
-    clock2_delay: float = 0.0,
-    duty: tuple[float, float] = DUTY,
-) -> SwitchEdges:
-    """Edges in windows of clock phase (:func:`switch_averages`), at most one per waveform."""
-    cycles = _cycles_from_pulse(phase, clock2_delay)
-    half_duty, half = np.array(duty)[:, None] / 2, half_window * np.array([[0.5], [1.0]]) / np.pi
-    found = []
-    for step in (1.0, -1.0):
-        until = -step * half_duty - cycles
-        until -= np.rint(until)
-        waveform, snapshot = np.nonzero(np.abs(until) < half)
-        position = (until / half)[waveform, snapshot]
-        found.append((waveform, snapshot, position, np.full(len(position), step)))
-    return SwitchEdges(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
 def duty_slopes(slopes: np.ndarray) -> np.ndarray:

@@ -23,9 +23,6 @@ _REPETITIONS = 5
 # Share of a frame up to which a symbol is short: that of the default preamble without a guard.
 # Symbols of a quarter left errors of 3 to 10 dB above the bound when they were derotated.
 _DEROTATED_SHARE = 0.2
-# Subcarriers from which on spread lines of a symbol that is not short are removed. With fewer, the
-# noise itself is larger: at 20 dB, their standard deviations are up to 2.3 times the errors.
-_SPREAD_SUBCARRIERS = 100
 # Samples of a symbol of the 802.11 preamble, and of the whole.
 _WIFI_SYMBOL, _WIFI_PREAMBLE = 64, 320
 
@@ -104,11 +101,6 @@ class Waveform:
         frames.
         """
         return self.symbol_length <= _DEROTATED_SHARE * self.frame_length
-
-    @property
-    def has_spread_lines(self) -> bool:
-        """Whether what tags spread over the subcarriers is worth removing from the tones."""
-        return not self.is_derotated and len(self.subcarriers) >= _SPREAD_SUBCARRIERS
 
     @property
     def noise_profile(self) -> np.ndarray:

@@ -6,7 +6,9 @@
 #include <kernel/separation/end_separation.h>
 #include <kernel/separation/group_weights.h>
 #include <kernel/separation/noise_estimate.h>
+#include <kernel/separation/spread_lines.h>
 
+#include <memory>
 #include <optional>
 
 using namespace gr::wiforce::kernel;
@@ -97,7 +99,59 @@ array<double> mix_switching(const group_weights& weights,
     return mixed;
 }
 
-using correction = std::optional<py::function>;
+std::unique_ptr<spread_lines>
+make_spread_lines(const array<int>& bins,
+                  const complex_array& spectrum,
+                  const complex_array& factors,
+                  int repetitions,
+                  const std::optional<complex_array>& rotation,
+                  const std::optional<array<double>>& line_gain,
+                  int rounds)
+{
+    return std::make_unique<spread_lines>(
+        spread_lines::settings{ flat(bins),
+                                flat(spectrum),
+                                flat(factors),
+                                repetitions,
+                                rotation ? flat(*rotation) : std::vector<complex>{},
+                                line_gain ? flat(*line_gain) : std::vector<double>{},
+                                rounds });
+}
+
+complex_array without_spread(spread_lines& of,
+                             const end_fit& fit,
+                             const std::vector<const group_weights*>& weights,
+                             const array<double>& clocks,
+                             const array<double>& pulses,
+                             const complex_array& white)
+{
+    const char* const rule =
+        "spread_lines: weights must have shape (G,), clocks (G, S, 3), pulses (S, 3), "
+        "white (G, M, K), as the fit, and M must be that of the rotation";
+    const auto& sizes = fit.sizes;
+    const py::ssize_t groups = sizes.groups, count = sizes.tones, tags = sizes.ends / 2;
+    require_shape(clocks, { groups, tags, 3 }, rule);
+    require_shape(pulses, { tags, 3 }, rule);
+    require_shape(white, { groups, count, py::ssize_t(of.subcarriers()) }, rule);
+    if (weights.size() != sizes.groups || sizes.subcarriers != of.subcarriers() ||
+        (of.tones() && of.tones() != sizes.tones))
+        throw std::invalid_argument(rule);
+    const auto at = structures<switching_clock>(clocks);
+    const auto pulses_of = structures<switching_pulses>(pulses);
+    complex_array cleaned(shape{ groups, count, py::ssize_t(of.subcarriers()) });
+    for (py::ssize_t group = 0; group < groups; group++) {
+        if (weights[group]->tones() != sizes.tones)
+            throw std::invalid_argument(rule);
+        const auto one = of.removed(fit,
+                                    group,
+                                    *weights[group],
+                                    at.data() + group * tags,
+                                    pulses_of.data(),
+                                    white.data(group, 0, 0));
+        std::copy(one.begin(), one.end(), cleaned.mutable_data(group, 0, 0));
+    }
+    return cleaned;
+}
 
 py::dict separate(end_separation& of,
                   const std::vector<end_separation::tag>& tags,
@@ -107,8 +161,8 @@ py::dict separate(end_separation& of,
                   const py::array& tones,
                   noise_estimate& noise,
                   bool update,
-                  const correction& spread,
-                  const correction& wander)
+                  spread_lines* spread,
+                  const std::optional<py::function>& wander)
 {
     const py::ssize_t count = weights.size();
     const py::ssize_t subcarriers = noise.variance().size();
@@ -147,34 +201,22 @@ py::dict separate(end_separation& of,
                 throw std::invalid_argument("end_separation: lines must be tones");
     }
     using values = std::vector<double>;
-    const auto calling = [](const correction& function) {
-        return
-            [&](std::size_t row, end_fit& fit, const values& phase, const values& rate) {
-                const shape by_tag{ py::ssize_t(phase.size()) };
-                return (*function)(row,
-                                   py::cast(&fit, py::return_value_policy::reference),
-                                   copy(phase, by_tag),
-                                   copy(rate, by_tag));
-            };
-    };
-    end_separation::corrections by;
-    if (spread)
-        by.spread = [&, call = calling(spread)](auto&&... arguments) {
-            py::gil_scoped_acquire python;
-            const complex_array found = call(arguments...);
-            require_shape(found,
-                          { rows, subcarriers },
-                          "end_separation: spread must give shape (M, K)");
-            return flat(found);
-        };
+    end_separation::remove_wander by;
     if (wander)
-        by.wander = [call = calling(wander)](auto&&... arguments) {
+        by = [&](std::size_t row, end_fit& fit, const values& phase, const values& rate) {
             py::gil_scoped_acquire python;
-            call(arguments...);
+            const shape by_tag{ py::ssize_t(phase.size()) };
+            (*wander)(row,
+                      py::cast(&fit, py::return_value_policy::reference),
+                      copy(phase, by_tag),
+                      copy(rate, by_tag));
         };
+    if (spread && (py::ssize_t(spread->subcarriers()) != subcarriers ||
+                   (spread->tones() && py::ssize_t(spread->tones()) != rows && count)))
+        throw std::invalid_argument("end_separation: spread must be of these tones");
     const auto found = [&] {
         py::gil_scoped_release others_may_run;
-        return of.process(tags, groups, subcarriers, noise, update, by);
+        return of.process(tags, groups, subcarriers, noise, update, spread, by);
     }();
     const py::ssize_t taken = found.groups, all = of.tags();
     const shape by_tag{ taken, all }, by_end{ taken, 2 * all },
@@ -406,6 +448,28 @@ and both duty cycles.)")
             "level"_a,
             "groups"_a = py::none(),
             "variance: (K,). groups: unchanged when not given.");
+    py::class_<spread_lines>(
+        m,
+        "spread_lines",
+        R"(Removes what tags spread over the subcarriers. bins, factors: (K,). spectrum: (N,), of
+the symbol. rotation: (M/2, N), line_gain: (M/2,), of the tones of positive frequency.)")
+        .def(py::init(&make_spread_lines),
+             "bins"_a,
+             "spectrum"_a,
+             "factors"_a,
+             "repetitions"_a,
+             "rotation"_a,
+             "line_gain"_a,
+             "rounds"_a)
+        .def("removed",
+             &without_spread,
+             "fit"_a,
+             "weights"_a,
+             "clocks"_a,
+             "pulses"_a,
+             "white"_a,
+             "white, whitened parts (G, M, K), without what the ends of the fit spread. "
+             "clocks, pulses:\nas of group_weights.switched.");
     py::class_<end_separation::tag>(
         m, "locked_tag", "A tag whose clock is tracked; rates in rad/s.")
         .def(py::init([](std::size_t index,
@@ -460,9 +524,9 @@ and both duty cycles.)")
              "update"_a,
              "spread"_a = py::none(),
              "wander"_a = py::none(),
-             R"(weights, center_s, complete: (G,). tones: (G, M, K). spread and wander are
-called with the group's row, the fit, and phases and rates (S,) of the clocks. Gives
-arrays of the first groups, and whether the last one shows that the model is lost.)");
+             R"(weights, center_s, complete: (G,). tones: (G, M, K). wander is called
+with the group's row, the fit, and phases and rates (S,) of the clocks. Gives arrays
+of the first groups, and whether the last one shows that the model is lost.)");
     m.attr("OUTLIER_RATIO") = outlier_ratio;
     m.attr("STEP_GROUPS") = step_groups;
     m.def("raised_subcarriers", &raised_of, "ratios: (G, K). Gives (G, K).");

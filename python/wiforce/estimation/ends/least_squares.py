@@ -14,10 +14,9 @@ from functools import cached_property
 import numpy as np
 from numpy.polynomial import legendre
 
-from ...signal.switching import switch_edges
 from ...signal.waveform import Waveform
 from ...signal.weights import PartialWeights, ToneTable
-from ...wiforce_kernels import end_fit, end_separation, noise_estimate
+from ...wiforce_kernels import end_fit, end_separation, noise_estimate, spread_lines
 from ..clocks.tracked_tag import ClockPath, ClockTracker, TrackedTag
 from ..groups import Array, GroupFit, Groups, GroupTones, GroupWeights
 
@@ -57,97 +56,31 @@ def without_wander(
     return result
 
 
-# Times that the ends are corrected. Each leaves of their error the share of the power that is
-# spread: -13 dB for symbols of 0.05 of the tag's period.
-_ROUNDS = 3
+# Times that the ends are solved. Each leaves of their error the share of the power that is spread:
+# -13 dB for symbols of 0.05 of the tag's period. Of symbols of 0.02 at most, more than one change
+# neither phases nor SNR (60 dB).
+_ROUNDS, _ROUNDS_OF_SHORT = 3, 1
 
 
-class SpreadLines:
-    """Removes what tags spread over the subcarriers from the tones of groups with long symbols.
-
-    A switch that closes within a symbol passes only a part of its samples: each of the tag's lines
-    then spreads over the subcarriers (intercarrier interference).
-
-    Sample n of a symbol has tones M_i[n] y_i[n] of end i, with the symbol y_i as received, whose
-    transform is X V_i. The model has the mean of M_i; the rest, the transform of (M_i[n] - mean)
-    y_i[n] over X, is computed from the ends, subtracted, and the ends are solved again.
-    """
-
-    def __init__(self, waveform: Waveform) -> None:
-        length, bins = waveform.symbol_length, waveform.bins
-        self._length, self._repetitions = length, waveform.repetitions
-        self._bins, self._factors = bins, waveform.equalizer()[bins]
-        self._spectrum = np.fft.fft(waveform.symbol)
-        self._spectrum /= np.mean(self._spectrum[bins] * self._factors)
-        # The channel of an unused subcarrier lies between those of the nearest used ones.
-        order = np.argsort(bins)
-        self._unused = np.setdiff1d(np.arange(length), bins)
-        above = np.searchsorted(bins[order], self._unused)
-        self._below, self._above = order[above - 1], order[above % len(order)]
-        distances = [
-            (self._unused - bins[self._below]) % length,
-            (bins[self._above] - self._unused) % length,
-        ]
-        self._upper_share = distances[0] / (distances[0] + distances[1])
-
-    def removed(
-        self, groups: GroupTones, fit: end_fit, tags: Sequence[TrackedTag], clocks: ClockPath
-    ) -> Array:
-        """Whitened parts (G, M, K) without spread lines, by a fit of these tags at these clocks."""
-        white = np.empty_like(groups.white)
-        for row, weights in enumerate(groups.weights):
-            mixing = self._mixing(weights, tags, clocks, row)
-            # All rounds but the last only need the part that the ends are solved from.
-            solver, ends = fit.solver[row], fit.ends[row]
-            solved, mixing_of_solved = solver @ groups.white[row], mixing @ solver.T
-            for _ in range(_ROUNDS - 1):
-                ends = solved - self.of_ends(mixing_of_solved, ends)
-            white[row] = groups.white[row] - self.of_ends(mixing, ends)
-        return white
-
-    def of_ends(self, mixing: Array, ends: Array) -> Array:
-        """What V (E, K) spread, (M, K); ``mixing`` (N, E, M) is M_i[n] less its mean."""
-        channel = np.empty((len(ends), self._length), complex)
-        channel[:, self._bins] = ends
-        channel[:, self._unused] = ends[:, self._below] + self._upper_share * (
-            ends[:, self._above] - ends[:, self._below]
-        )
-        received = np.fft.ifft(channel * self._spectrum, axis=1)
-        spread = np.fft.fft((received.T[:, None] @ mixing)[:, 0].T, axis=1)
-        found: Array = spread[:, self._bins] * self._factors
-        return found
-
-    def _mixing(
-        self, weights: GroupWeights, tags: Sequence[TrackedTag], clocks: ClockPath, row: int
-    ) -> Array:
-        """M_i[n] less its mean over the symbol, of both ends of all tags; shape (N, E, M)."""
-        mixing = np.zeros((self._length, 2 * len(tags), len(weights.whitener)))
-        for i, tag in enumerate(tags):
-            phase, rate = clocks.phase[row, i], tag.rate + clocks.rate[row, i]
-            edges = switch_edges(
-                phase + rate * weights.times_s,
-                rate * tag.averaging_s / 2,
-                tag.clock2_delay,
-                tag.duty,
-            )
-            # Samples from the start of the repetition that holds the edge.
-            sample = (edges.position + 1) / 2 * self._repetitions * self._length % self._length
-            first, end = sample.astype(int), 2 * i + edges.waveform
-            steps = weights.mixer[edges.snapshot] * (edges.step / self._repetitions)[:, None]
-            # An edge within a sample leaves the mean over it; behind the last one nothing follows.
-            late = (sample - first)[:, None]
-            np.add.at(mixing, (first, end), steps * (1 - late))
-            follows = first + 1 < self._length
-            np.add.at(mixing, (first[follows] + 1, end[follows]), (steps * late)[follows])
-        np.cumsum(mixing, axis=0, out=mixing)
-        mixing -= mixing.mean(axis=0)
-        return mixing
+def spread_lines_of(waveform: Waveform, table: ToneTable) -> spread_lines:
+    """What removes intercarrier interference of the tags from tones of samples."""
+    bins, factors = waveform.bins, waveform.equalizer()[waveform.bins]
+    spectrum = np.fft.fft(waveform.symbol)
+    spectrum /= np.mean(spectrum[bins] * factors)
+    rotation = gain = None
+    if waveform.is_derotated:
+        of_symbol = waveform.sample_rate_hz, waveform.symbol_length
+        upper = slice(len(table.tones) // 2, None)
+        rotation = table.derotation(*of_symbol)[upper]
+        gain = 1 / table.symbol_gain(*of_symbol)[upper]
+    rounds = _ROUNDS_OF_SHORT if waveform.is_derotated else _ROUNDS
+    return spread_lines(bins, spectrum, factors, waveform.repetitions, rotation, gain, rounds)
 
 
 class ToneModel:
     """The tones of a run's groups as a linear function of the ends' channels, by tag of the table.
 
-    With a sample rate where tones are derotated, and ``spread`` where tags switch within a symbol.
+    With a sample rate where tones are derotated, and ``spread`` where the symbol is known.
     """
 
     def __init__(
@@ -156,7 +89,7 @@ class ToneModel:
         tags: Sequence[TrackedTag],
         sample_rate_hz: float | None,
         symbol_length: int = 64,
-        spread: SpreadLines | None = None,
+        spread: spread_lines | None = None,
     ) -> None:
         self.table = table
         self._spread = spread
@@ -232,22 +165,27 @@ class ToneModel:
 
     def _mixing(self, groups: GroupTones, clocks: ClockPath) -> Array:
         """Whitened parts of the locked tags' waveforms, and of their slopes behind them."""
-        locked = self.locked
-        if not locked:
+        if not self.locked:
             return np.empty((len(groups), len(self.table.tones), 0))
+        switching, pulses = self._switching(clocks)
+        parts = [weights.switched(switching[rows], pulses) for weights, rows in groups.by_weights()]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _switching(self, clocks: ClockPath) -> tuple[Array, Array]:
+        """Phase, rate and half a window (G, S, 3), delay and duties (S, 3) of the locked tags."""
+        locked = self.locked
         rates = clocks.rate + [tag.rate for tag in locked]
         # Of all tags, since it is that of the waveform.
         windows = rates * (locked[0].averaging_s / 2)
         switching = np.array([clocks.phase, rates, windows]).transpose(1, 2, 0)
-        pulses = [(tag.clock2_delay, *tag.duty) for tag in locked]
-        parts = [weights.switched(switching[rows], pulses) for weights, rows in groups.by_weights()]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return switching, np.array([(tag.clock2_delay, *tag.duty) for tag in locked])
 
     def solve(self, groups: GroupTones, clocks: ClockPath) -> GroupFit:
         """Fit without spread lines, and residual without what the wander of clocks explains."""
         fit = self.fit(groups, clocks)
         if self._spread is not None and self.locked:
-            fit.solve(self._spread.removed(groups, fit, self.locked, clocks))
+            weights, switching = groups.weights.tolist(), self._switching(clocks)
+            fit.solve(self._spread.removed(fit, weights, *switching, groups.white))
         self.remove_wander(fit, groups, clocks)
         return fit
 
@@ -262,17 +200,9 @@ class ToneModel:
         """Ends, clocks and noise of the first usable groups; noise of ``complete`` ones (G,)."""
         locked = self.locked
 
-        def one(row: int, phase: Array, rate: Array) -> tuple[GroupTones, ClockPath]:
-            return groups[row : row + 1], ClockPath(phase[None], rate[None])
-
-        def without_spread(row: int, fit: end_fit, phase: Array, rate: Array) -> Array:
-            assert self._spread is not None
-            group, clocks = one(row, phase, rate)
-            white: Array = self._spread.removed(group, fit, locked, clocks)[0]
-            return white
-
         def remove_wander(row: int, fit: end_fit, phase: Array, rate: Array) -> None:
-            self.remove_wander(fit, *one(row, phase, rate))
+            clocks = ClockPath(phase[None], rate[None])
+            self.remove_wander(fit, groups[row : row + 1], clocks)
 
         return dict(
             kernel.process(
@@ -283,7 +213,7 @@ class ToneModel:
                 groups.tones,
                 noise,
                 update,
-                None if self._spread is None else without_spread,
+                self._spread,
                 remove_wander if any(tag.clock.wanders for tag in locked) else None,
             )
         )

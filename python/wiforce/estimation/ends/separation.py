@@ -21,7 +21,7 @@ from ...wiforce_kernels import STEP_GROUPS, end_separation, noise_estimate
 from ..clocks.clock_search import ClockSearch
 from ..clocks.tracked_tag import TagClock, TrackedTag
 from ..groups import Array, Groups, GroupTones
-from .least_squares import SpreadLines, ToneModel
+from .least_squares import ToneModel, spread_lines_of
 
 # Error of a phase, in rad, that noise does not explain: 0.003 deg (1024 and 4096 samples, SNR
 # 60 dB, symbol of 0.05 of the tag's period; tests/models/waveform_captures.py).
@@ -52,8 +52,7 @@ class EndSeparator:
         rate_hz = waveform.sample_rate_hz if derotated and waveform.is_derotated else None
         # Of channels that another device measured, only the residual tells the noise.
         is_long = derotated and not waveform.is_derotated
-        has_spread = is_long and waveform.has_spread_lines
-        spread = SpreadLines(waveform) if has_spread else None
+        spread = spread_lines_of(waveform, table) if derotated else None
         self._model = ToneModel(table, tags, rate_hz, waveform.symbol_length, spread)
         profile = waveform.noise_profile if is_long else None
         self._noise = noise_estimate(self._model.group_period_s, profile)
@@ -65,7 +64,7 @@ class EndSeparator:
             self._search.jointly,
             # The SNR is defined by line 1 of end 1.
             harmonics(1, clocks[0].clock_hz * averaging_s)[0] ** 2,
-            _LEAST_ERROR if has_spread else 0.0,
+            _LEAST_ERROR if is_long else 0.0,
             *self._search.limits_s,
         )
         self._held: list[Groups] = []

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: GPL-3.0-or-later
+#pragma once
+
+#include "../fourier/fourier_transform.h"
+#include "end_fit.h"
+#include "group_weights.h"
+
+#include <cstddef>
+#include <vector>
+
+namespace gr::wiforce::kernel {
+
+// Removes what tags spread over the subcarriers from the tones of groups.
+//
+// A switch that closes within a symbol passes only a part of its samples: each of the
+// tag's lines then spreads over the subcarriers (intercarrier interference). With the
+// symbol y_i as received from end i, whose transform is X V_i, and the response M_i[n] of
+// the tones to its sample n, the tones are the transform of sum_i M_i[n] y_i[n], rotated
+// as they were, over X. The fit has the mean of M_i; the rest is computed from its ends.
+class spread_lines
+{
+public:
+    struct settings {
+        std::vector<int> bins;         // K, of the N of a symbol
+        std::vector<complex> spectrum; // N, of the symbol that is sent
+        std::vector<complex> factors;  // K, from the transform to the channel
+        int repetitions;               // of the symbol, that a snapshot is the mean of
+        // Factors (M/2 x N) that rotated the samples of the tones of positive frequency,
+        // and what the fit's mixing is multiplied by instead (M/2); empty if none did.
+        std::vector<complex> rotation;
+        std::vector<double> line_gain;
+        int rounds; // times that the ends are solved
+    };
+
+    // Throws std::invalid_argument where the sizes do not agree.
+    explicit spread_lines(settings of);
+
+    std::size_t tones() const { return 2 * d_of.line_gain.size(); } // 0: any
+    std::size_t subcarriers() const { return d_of.bins.size(); }
+
+    // Whitened parts (M x K) without spread lines, by a fit of group `row` of these tags
+    // at these clocks. `white`: with them.
+    std::vector<complex> removed(const end_fit& fit,
+                                 std::size_t row,
+                                 const group_weights& weights,
+                                 const switching_clock* clocks,
+                                 const switching_pulses* pulses,
+                                 const complex* white);
+
+private:
+    std::vector<complex> received(const complex* ends, std::size_t count);
+    void unrotated_to_tones(const group_weights& weights, std::vector<complex>& samples);
+    std::vector<complex> tones_of(const complex* ends,
+                                  const std::vector<double>& courses,
+                                  const end_fit::shape& sizes,
+                                  const group_weights& weights);
+
+    const settings d_of;
+    // Where the channel of each bin comes from: those below and above it among the used
+    // ones, and the weight of the latter.
+    struct source {
+        std::size_t below, above;
+        double upper_share;
+    };
+    std::vector<source> d_sources;
+    fourier_transform d_fourier;
+};
+
+} // namespace gr::wiforce::kernel
