@@ -202,16 +202,49 @@ def check_samples(capture):
         advice.insert(0, "some samples are NaN or infinite: check what wrote the file")
     if file["samples_lost"]:
         advice.append("samples were lost while recording: use a faster machine or larger buffers")
-    note = "without a scene frames, and thus a tag, cannot be looked for; name one with --scene"
+    tag, notes = _default_frames(capture)
     advice = advice or ["none on levels"]
-    found = {"file": file, "levels": levels, "tag": None, "notes": [note], "advice": advice}
+    found = {"file": file, "levels": levels, "tag": tag, "notes": notes, "advice": advice}
     powers = "peak {peak_dbfs:.1f} dBFS, mean {mean_dbfs:.1f}".format(**levels)
     lines = [
         *_file_lines(file),
         ("levels", f"{powers}, {100 * levels['clipped']:.3g} % clipped"),
         ("DC offset", f"{levels['dc_dbfs']:.1f} dBFS"),
     ]
+    if tag is not None:
+        begin = f"the first begins at sample {tag['first_frame']}"
+        lines.append(("frames", f"those of the waveform '{tag['waveform']}'; {begin}"))
+        clocks = " and ".join(f"{hertz:.6g} Hz" for hertz in tag["clocks_hz"])
+        lines.append(("tag", f"a clock of {clocks} is received" if clocks else "none is received"))
     return found, labelled(lines, found)
+
+
+def _default_frames(capture):
+    """Frames of 720 samples of a default waveform with the tags' clocks, or None; and notes."""
+    more = "name a scene with --scene"
+    if capture.sample_rate_hz is None:
+        return None, [f"without a sample rate frames and tags are not looked for; {more}"]
+    for waveform in ("repeated", "wifi"):
+        radio = {"sample_rate_hz": capture.sample_rate_hz}
+        if capture.center_frequency_hz is not None:
+            radio["center_frequency_hz"] = capture.center_frequency_hz
+        # The survey finds tags on other clocks as well; the sensor does not matter.
+        sensor = {"name": "tag", "model": "line-900mhz"}
+        settings = {"radio": radio, "sounding": {"waveform": waveform}, "sensors": [sensor]}
+        try:
+            scene = scene_of(capture, settings)[0]
+            first, _ = first_frame(capture, scene.waveform())
+        except InputError:
+            continue
+        tags, (others_hz, _), reason = _tags(capture, scene)
+        own_hz = [
+            scene.sensors[0].clock_hz * (1 + 1e-6 * tag.clock_offset_ppm)
+            for tag in tags
+            if tag.clock_offset_ppm is not None
+        ]
+        found = {"waveform": waveform, "first_frame": first, "clocks_hz": [*own_hz, *others_hz]}
+        return found, [*reason, f"these are frames of the default length; to read them, {more}"]
+    return None, [f"no frames of the default waveforms were found; for others, {more}"]
 
 
 def _db(amplitude):

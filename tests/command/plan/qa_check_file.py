@@ -73,10 +73,44 @@ def test_raw_samples_are_recognised_by_their_values(kind, tmp_path):
     found, text = checked(tmp_path / "air")
     assert found["file"]["datatype"] == kind and found["file"]["samples"] == 60_000
     assert found["levels"]["peak_dbfs"] == pytest.approx(-2, abs=3)
-    assert "name one with --scene" in text
+    assert found["tag"] is None and "name a scene with --scene" in text
     other = "cf32_le" if kind == "ci16_le" else "ci16_le"
     found = checked(tmp_path / "air", other)[0]
     assert found["advice"][0].startswith(f"the values are those of {kind} rather than {other}")
+
+
+@pytest.mark.parametrize(
+    ("waveform", "clock_hz"), [("repeated", 1000), ("repeated", 1035), ("wifi", 1365)]
+)
+def test_frames_and_tag_are_found_without_a_scene(waveform, clock_hz, tmp_path):
+    """What somebody else recorded with the default frame needs no scene to be recognised."""
+    scene = {
+        "radio": {"center_frequency_hz": 915e6},
+        "sounding": {"waveform": waveform},
+        "sensors": [{"name": "arm", "model": "line-915mhz", "clock_hz": clock_hz}],
+        "simulation": {"duration_s": 1.0, "clock_offset_ppm": 40},
+    }
+    wiforce.simulate(scene, tmp_path / "air")
+    path = tmp_path / "air.sigmf-meta"
+    metadata = json.loads(path.read_text())
+    stated = ("core:datatype", "core:sample_rate", "core:version")
+    metadata["global"] = {key: metadata["global"][key] for key in stated}
+    path.write_text(json.dumps(metadata))
+    found, text = checked(tmp_path / "air")
+    (found_hz,) = found["tag"]["clocks_hz"]
+    assert found_hz == pytest.approx(clock_hz * (1 + 40e-6), abs=0.1)
+    assert f"those of the waveform '{waveform}'" in text and "name a scene" in text
+
+
+def test_noise_without_a_scene_is_no_frame(tmp_path):
+    """A recording of something else must not be taken for a sounding frame."""
+    codes = (300 * np.random.default_rng(1).standard_normal((2_000_000, 2))).astype("<i2")
+    codes.tofile(tmp_path / "air.sigmf-data")
+    stated = {"core:datatype": "ci16_le", "core:sample_rate": 12.5e6, "core:version": "1.0.0"}
+    metadata = {"global": stated, "captures": [{"core:sample_start": 0}], "annotations": []}
+    (tmp_path / "air.sigmf-meta").write_text(json.dumps(metadata))
+    found, text = checked(tmp_path / "air")
+    assert found["tag"] is None and "no frames of the default waveforms" in text
 
 
 def test_samples_without_numbers_and_text_are_named(tmp_path):
