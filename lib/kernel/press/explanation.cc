@@ -214,6 +214,7 @@ void explanation::merge(const explanation& other, double share)
     mean(age_s, other.age_s);
     mean(turn.velocity, other.turn.velocity);
     mean(turn.seen, other.turn.seen);
+    mean(turn.near, other.turn.near);
     mean(turn.moved, other.turn.moved);
     mean(turn.failed, other.turn.failed);
     mean(turn.watched_s, other.turn.watched_s);

@@ -118,8 +118,9 @@ struct explanation {
         bool by_hand = false;
         double velocity = 0;   // rad/s
         std::size_t speed = 0; // how fast its velocity changes, of `speeds`
-        // Turns seen where nothing looks alike, in this time, and cables that moved.
-        double seen = 0, moved = 0, watched_s = 0;
+        // Turns seen where nothing looks alike, in this time, hands, and cables that
+        // moved.
+        double seen = 0, near = 0, moved = 0, watched_s = 0;
         double failed = 0; // how often the tag's supply has
     } turn;
 

@@ -50,7 +50,8 @@ void press_filter::turn_slowly(
     if (from.is != untouched)
         next->age_s = 0; // as after a change of force, which looks the same at mid-line
     // What a finger turns says nothing of how often the tag turns.
-    next->turn.seen += how == course::begins && !near && sees_turns(from);
+    if (how == course::begins && sees_turns(from))
+        (near ? next->turn.near : next->turn.seen) += 1;
     const bool begins = how == course::begins || how == course::warms;
     if (begins)
         begin_turn(*next);

@@ -251,7 +251,7 @@ void press_filter::with_courses(const explanation& from,
         });
         return;
     }
-    const double turns = turn_probability(from), hands = hand_probability();
+    const double turns = turn_probability(from), hands = hand_probability(from);
     const auto widen = [](explanation& other, double phase, double amplitude) {
         other.line.common.widen(phase);
         other.press.motion.widen({ phase, phase, phase });
@@ -273,7 +273,7 @@ void press_filter::branch_untouched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1 - d_group.untouched, d_set);
     const double turns = turn_probability(from), moves = move_probability(from),
-                 hands = hand_probability(), goes_on = going_on(),
+                 hands = hand_probability(from), goes_on = going_on(),
                  between = between_groups();
     const double sudden = may.all + turns + moves, quiet = std::max(1 - sudden, 1e-3);
     if (from.turn.goes_on) {
@@ -297,7 +297,7 @@ void press_filter::branch_touched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1, d_set);
     const double turns = turn_probability(from), moves = move_probability(from),
-                 hands = hand_probability(), goes_on = going_on(),
+                 hands = hand_probability(from), goes_on = going_on(),
                  between = between_groups();
     const double sudden = may.all - may.steadily + turns + 2 * moves;
     const double quiet = std::max(1 - sudden, 1e-3);
@@ -432,7 +432,10 @@ double press_filter::turn_probability(const explanation& of) const
     return happens(learned(d_set.turns, of.turn.seen, of.turn.watched_s) / 2);
 }
 
-double press_filter::hand_probability() const { return happens(d_set.hands); }
+double press_filter::hand_probability(const explanation& of) const
+{
+    return happens(learned(d_set.hands, of.turn.near, of.turn.watched_s));
+}
 
 double press_filter::move_probability(const explanation& of) const
 {

@@ -89,7 +89,7 @@ private:
     double move_probability(const explanation& of) const;
     double fail_probability(const explanation& of) const;
     double turn_probability(const explanation& of) const;
-    double hand_probability() const;
+    double hand_probability(const explanation& of) const;
     double sudden_turn_variance() const;
     double going_on() const;
     double lasting() const;

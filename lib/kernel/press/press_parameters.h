@@ -23,8 +23,9 @@ struct press_parameters {
     double turns_s = 10.0;  // s: time that this expectation, and that of cables, is worth
     double turn_deg = 15.0; // standard deviation of a sudden turn
     double turn_np =
-        0.1;            // and of the change of amplitude that comes with one by turn_deg
-    double hands = 0.3; // 1/s: hands that come near, or move there
+        0.1; // and of the change of amplitude that comes with one by turn_deg
+    double hands =
+        3e-4; // 1/s: hands that come near, or move there, until they are learned
     double steps =
         0.003; // 1/s: steps of the receiver's phase or gain, of the tag's level; its
                // supply fails; moves of a cable, until they are learned
