@@ -84,7 +84,12 @@ double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
     const auto is = to.press.motion.phase();
     const double by = (is[0] - was[0] + is[1] - was[1]) / 2;
     to.line.common.turn(by);
-    const double likelihood = update_turned(to, phases, by);
+    const double likelihood = update_turned(
+        to,
+        phases,
+        to.turn.by_hand ? hand_variance(to.turn.speed)
+                        : squared(d_set.turn_np / (d_set.turn_deg * deg) * by) *
+                              std::max(1.0, least_turn_s / d_elapsed_s));
     to.turn.velocity = to.press.motion.means()[2];
     if (to.is == untouched) {
         to.line.common.reset(to.line.common.estimate().mean,
@@ -265,19 +270,21 @@ void press_filter::change_steadily(const explanation& from,
     const auto was = from.press.motion.phase();
     const double likelihood = next->press.motion.update(d_group.phase, d_noise);
     if (from.turn.goes_on)
-        give(*next,
-             update_turned(*next, likelihood, part_turn(*next, was, direction, aside)));
-    else
-        give(*next, update_strength(*next, likelihood));
+        part_turn(*next, was, direction, aside);
+    // How far the tag has turned is hardly known here; what a hand does to amplitudes is.
+    give(*next,
+         from.turn.goes_on && from.turn.by_hand
+             ? update_turned(*next, likelihood, hand_variance(from.turn.speed))
+             : update_strength(*next, likelihood));
 }
 
 // While the tag turns and the force changes: both phases are moved by the turn alike, and
 // by the force in the direction of the press. In the middle of the line that is the same;
-// an error of this division lasts for as long as both do. Gives the turn's part.
-double press_filter::part_turn(explanation& to,
-                               const pair_of_ends& was,
-                               const pair_of_ends& direction,
-                               double aside) const
+// an error of this division lasts for as long as both do.
+void press_filter::part_turn(explanation& to,
+                             const pair_of_ends& was,
+                             const pair_of_ends& direction,
+                             double aside) const
 {
     const auto is = to.press.motion.phase();
     const double expected = to.turn.velocity * d_elapsed_s;
@@ -297,7 +304,6 @@ double press_filter::part_turn(explanation& to,
     to.line.common.widen(std::max(doubt, 0.0) *
                          std::max(d_set.steady_s / d_elapsed_s, 1.0));
     to.turn.velocity += (1 - going_on()) * turned / d_elapsed_s;
-    return expected + turned;
 }
 
 // For a part of the group, in which the press changes: as before, or to rest.

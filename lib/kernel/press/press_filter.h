@@ -128,10 +128,10 @@ private:
     void move_cable(explanation& to, both_amplitudes& own) const;
     void begin_turn(explanation& to) const;
     double follow_turn(explanation& to, const pair_of_ends& was) const;
-    double part_turn(explanation& to,
-                     const pair_of_ends& was,
-                     const pair_of_ends& direction,
-                     double aside) const;
+    void part_turn(explanation& to,
+                   const pair_of_ends& was,
+                   const pair_of_ends& direction,
+                   double aside) const;
     void turn_unseen(explanation& to, double part) const;
     mixture mixture_after(const explanation& from, double ends) const;
 
@@ -168,7 +168,7 @@ private:
     double hand_variance(std::size_t speed) const;
     double find_strength(explanation& to, double spread) const;
     double update_strength(explanation& to, double log_phases) const;
-    double update_turned(explanation& to, double log_phases, double by) const;
+    double update_turned(explanation& to, double log_phases, double variance) const;
     double update_turn(explanation& to) const;
     double begin_strength(explanation& to, double spread) const;
     double update_mean(explanation& of, both_amplitudes& own, double seen) const;

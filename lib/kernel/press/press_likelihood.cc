@@ -214,7 +214,8 @@ double press_filter::turning_speed(std::size_t speed) const
     return std::min(speeds[speed], d_set.turn_deg * deg / d_elapsed_s);
 }
 
-// By which a hand that moves at one of the speeds changes amplitudes, as it does phases.
+// By which a hand that moves at one of the speeds changes amplitudes, as it does phases:
+// it adds a phasor of any angle.
 double press_filter::hand_variance(std::size_t speed) const
 {
     return squared(turning_speed(speed)) * d_elapsed_s *
@@ -265,17 +266,14 @@ double press_filter::update_strength(explanation& to, double log_phases) const
            (shows_turns(to) ? update_turn(to) : update_amplitude(to, to.press.strength));
 }
 
-// Likewise where the tag has turned by this, which changes the amplitudes of the press
-// and of the line. A hand adds a phasor of any angle: it changes amplitudes and phases
-// alike.
-double press_filter::update_turned(explanation& to, double log_phases, double by) const
+// Likewise where what turns the tag changes the amplitudes of the press and of the line,
+// by this variance.
+double
+press_filter::update_turned(explanation& to, double log_phases, double variance) const
 {
     auto& own = to.press.strength;
     const double before = own.mean;
-    own.mean_variance += to.turn.by_hand
-                             ? hand_variance(to.turn.speed)
-                             : squared(d_set.turn_np / (d_set.turn_deg * deg) * by) *
-                                   std::max(1.0, least_turn_s / d_elapsed_s);
+    own.mean_variance += variance;
     const double likelihood = update_strength(to, log_phases);
     to.line.amplitude.mean += own.mean - before;
     return likelihood;
