@@ -36,6 +36,7 @@ from gnuradio.wiforce.planning.findings import measure_tags, other_clocks, wrong
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import scene_of
+from gnuradio.wiforce.scene.consistency import ONE_ANTENNA, lacks_antenna
 from gnuradio.wiforce.signal.lines import lamp_distances_hz
 
 from ..read.recordings import SAMPLES_ONLY, open_recording
@@ -157,7 +158,8 @@ def check_capture(capture, scene_path):
         raise InputError(capture.path, "holds no whole frame of finite samples")
     levels = asdict(measure_levels(finite.ravel(), waveform))
     tags, clocks, reason = _tags(capture, scene)
-    of_sensors = advice_on_sensors(tags, scene, *clocks)
+    alone = [f"{ONE_ANTENNA}: record two antennas"] if lacks_antenna(scene) else []
+    of_sensors = alone or advice_on_sensors(tags, scene, *clocks)
     advice = [*outside_band(scene), *advice_on_levels(levels), *of_sensors]
     found = {
         "files": files,

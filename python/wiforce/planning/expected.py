@@ -15,6 +15,7 @@ import numpy as np
 
 from ..calibration.validation import contradiction_deg, errors_over_span
 from ..scene import Scene
+from ..scene.consistency import ONE_ANTENNA, lacks_antenna
 from ..sensor import SensorModel
 from ..signal.bound import phase_bound_deg
 from ..signal.carrier import wrap_deg
@@ -123,12 +124,8 @@ def why_not_readable(scene: Scene, index: int, levels: ReceivedLevels | None = N
             f"SNR: with all noise that of '{tag.sensor}' is {snr_db:.0f} dB; below "
             f"{_LOWEST_SNR_DB:g} dB its clock is not acquired"
         )
-    alone = scene.packets is None and scene.environment.receive_antennas == 1
-    if scene.environment.reader_clock == "free" and alone:
-        return (
-            "reader_clock free: with one receive antenna, the common phase of transmitter and "
-            "receiver is indistinguishable from the tag in quadrature with the direct path"
-        )
+    if lacks_antenna(scene):
+        return ONE_ANTENNA
     if tag.clock2_duty != "pulses":
         return (
             f"both switches of '{tag.sensor}' are on at the same time "

@@ -30,6 +30,7 @@ from ..io.readings import GroupCounts, Reading
 from ..planning.adaptation import adapted, expecting_snr, survey_reference, surveyed_snapshots
 from ..planning.plan import Plan, PlanOrScene, as_plan
 from ..press.evidence import Suspicion
+from ..scene.consistency import ONE_ANTENNA, lacks_antenna
 from .receiver import Receiver
 
 # Frames that the receiver's compression is measured in: noise is reduced by 30 dB.
@@ -117,6 +118,11 @@ class RecordingReader(CaptureReader):
         elif (seen := find_frames(recording, plan.waveform)) is not None:
             problem = offset_problem(recording, plan.waveform, seen, frame_offset)
         self.notes = [problem] if problem else []
+        if lacks_antenna(scene):
+            self.notes.append(
+                f"{ONE_ANTENNA}: no reading is usable, unless both share a clock; record two "
+                "antennas (receive_antennas: 2)"
+            )
         self.frame_offset = frame_offset
         self.plan = plan = plan.with_first_frame(frame_offset)
         samples_of_group = plan.group_length * plan.waveform.frame_length

@@ -26,6 +26,19 @@ _HIGHEST_READ = 4
 _STRONG_LINE_PAIRS = ((1, 1), (2, 1), (4, 1), (1, 2), (1, 4))
 
 
+ONE_ANTENNA = (
+    "reader_clock free: with one receive antenna, the common phase of transmitter and receiver is "
+    "indistinguishable from the tag in quadrature with the direct path"
+)
+
+
+def lacks_antenna(scene: Scene) -> bool:
+    """Whether samples of a scene have an unknown phase that a second antenna would cancel."""
+    environment = scene.environment
+    alone = scene.packets is None and environment.receive_antennas == 1
+    return alone and environment.reader_clock == "free"
+
+
 def check_scene(scene: Scene, source: str) -> None:
     """Refuse a scene whose keys contradict each other, with the first contradiction."""
     for check in (_settings, _clocks, _events, _models, surface_violations):

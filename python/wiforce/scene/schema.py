@@ -277,8 +277,8 @@ class Environment:
         Integer(low=1, high=8),
         derived=Derived("1; 2 with `packets` and `reader_clock: free`", _default_antennas),
         doc="2 needs `reader_clock: free`: `simulate` writes a second capture `NAME.antenna2`, "
-        "and `read` uses the ratio of the two. More than 2 need `packets`, as does 1 where "
-        "`reader_clock` is `free`.",
+        "and `read` uses the ratio of the two. More than 2 need `packets`. With 1 and "
+        "`reader_clock: free`, samples cannot be read: `read` warns and flags every reading.",
     )
     mains_hz: Mains = key(
         MainsFrequency(optional=True),

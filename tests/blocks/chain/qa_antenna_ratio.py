@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Two receive antennas: their ratio is read where one antenna on a clock of its own is not."""
 
+import json
 import os
 import shutil
 from functools import lru_cache
@@ -96,6 +97,17 @@ def test_antenna_ratio_partial_last_group_is_not_read(captures):
 def test_single_antenna_with_free_clock_reads_nothing(captures):
     alone = load_scene({**SCENE, "environment": {"reader_clock": "free"}})
     assert all(r.force_n is None or r.flags for r in readings(captures[0], alone))
+
+
+def test_single_antenna_with_free_clock_is_named_as_the_cause(captures, tmp_path):
+    """A user would look for the fault in datatype, clock and levels."""
+    scene = {**SCENE, "environment": {"reader_clock": "free"}}
+    (tmp_path / "alone.yaml").write_text(json.dumps(scene))
+    for command in ("read", "check"):
+        done = succeeded(command, captures[0], "--scene", tmp_path / "alone.yaml")
+        said = done.stderr + done.stdout
+        assert "reader_clock free: with one receive antenna" in said
+        assert "check the datatype" not in said and "no tag detected" not in said
 
 
 def test_survey_of_two_antennas_states_how_strong_the_tag_is(captures):
