@@ -46,6 +46,12 @@ CORRECTED = "paper, clock offset removed"
 _BATCH = 64  # groups of the paper's method
 # The cause that the file of a scene of the paper itself holds, in ``simulation.tags``.
 OWN = "clock jitter"
+# What the report says of the table of causes.
+_CAUSES_TEXT = """\
+The paper does not state why its phases varied. Each row of the second table adds one disturbance
+to a scene, as strong as makes the paper's method, with the clock offset removed, measure what
+was published. What this receiver reads depends on the cause, so only the range over the causes
+can stand next to the paper's figure."""
 # Of the stored results; those of another one are computed again.
 _FORMAT = 8
 
@@ -114,7 +120,8 @@ def scenes(scenes, folder, jobs, fresh):
     tables = error_table(results, figures)
     if causes := cause_table(results, figures):
         tables += f"\n\n{causes}"
-    _write_report(results, folder, tables)
+    made = "\n".join(map(_origin, names, loaded))
+    _write_report(names, folder, made, f"{tables}\n\n{_CAUSES_TEXT}" if causes else tables)
     click.echo(f"{tables}\n\nreport: {folder / 'report.md'}")
 
 
@@ -404,17 +411,27 @@ def _ranges(causes):
     return ranges
 
 
-def _write_report(results, folder, tables):
+def _origin(name, scene):
+    """Markdown: the seed of a scene, and the models by which its sensors are pressed and read."""
+    sensors = [
+        f"{sensor.name} pressed as {tag.truth_model}, read by {sensor.model}"
+        for sensor, tag in zip(scene.sensors, scene.simulation.tags, strict=True)
+    ]
+    return f"- `{name}`: seed {scene.simulation.seed}; {'; '.join(sensors)}"
+
+
+def _write_report(names, folder, made, tables):
     """Write ``report.md``: the tables, and how they came about."""
     import scipy
 
     template = Template(Path(__file__).with_name("report.md").read_text(encoding="utf-8"))
     page = template.substitute(
-        command=f"gr-wiforce evaluate {' '.join(result['scene'] for result in results)}",
+        command=f"gr-wiforce evaluate {' '.join(map(str, names))}",
         version=VERSION,
         python=platform.python_version(),
         numpy=np.__version__,
         scipy=scipy.__version__,
+        made=made,
         tables=tables,
     )
     (folder / "report.md").write_text(page, encoding="utf-8")

@@ -82,6 +82,16 @@ def test_our_result_is_a_range_over_the_causes(rows):
     assert cause_table([{"scene": "demo", "rows": rows, "causes": {}}], {}) == ""
 
 
+def test_figures_of_the_paper_stand_beside_ours_as_numbers(rows):
+    """Words without the number leave the reader to find it elsewhere."""
+    figures = paper_figures()
+    for scene, figure in figures.items():
+        for key, unit in (("force_n", "N"), ("location_mm", "mm")):
+            assert key not in figure or f"{figure[key]} {unit}" in figure["text"], scene
+    results = [{"scene": "phantom", "rows": rows, "causes": {}}]
+    assert "0.62 N through a tissue phantom" in error_table(results, figures)
+
+
 def test_shipped_causes_are_several_scenes_that_differ_in_the_disturbance_alone():
     fitted = [name for name in paper_figures() if other_causes(name)]
     assert {"distance_20cm", "distance_50cm", "distance_1m", "distance_2m"} <= set(fitted)
@@ -113,6 +123,8 @@ def test_result_is_reported_and_not_done_again_unless_the_scene_changed(evaluate
     report = (folder / "out" / "report.md").read_text()
     assert first.stdout.splitlines()[0] in report
     assert "`gr-wiforce evaluate short.yaml`; gr-wiforce " in report
+    made = "`short.yaml`: seed 3; arm pressed as line-900mhz, read by line-900mhz-calibrated"
+    assert made in report and "second table" not in report
     assert not list((folder / "out").glob(".capture*"))
     kept = folder / "out" / "short.json"
     before = kept.stat().st_mtime_ns
