@@ -191,7 +191,7 @@ def live(
             if web is not None:
                 endpoints.append((_open_page(outputs, web, web_token), None))
             options = {"tracked": tracked, "recording": record}
-            _run(run, scene, request, outputs, endpoints, duration, reconnect, line, **options)
+            _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **options)
     except DeviceLost as lost:
         kept = "all readings until then are kept" if outputs.rows else "there are no readings"
         log.error(f"{lost}; {kept}")
@@ -290,7 +290,7 @@ def warn_of_oscillators(link):
         log.warning(f"the {direction} oscillator does not lock; readings may drift")
 
 
-def _run(run, scene, request, outputs, endpoints, duration, reconnect, line, **options):
+def _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **options):
     """Run a session until a signal, a request or `duration` ends it; raises DeviceLost."""
     from ..radio.request import shorten_pauses
     from .health import Heartbeat, RunHealth, ServiceManager
