@@ -222,8 +222,9 @@ struct end_separation::one {
         }
     }
 
-    // At the present clocks, and to tones without what tags spread over the subcarriers.
-    end_fit fit(double averaging_s, bool without_spread)
+    // At the present clocks; to tones without what tags spread over the subcarriers,
+    // which hardly depends on how the clocks are corrected.
+    end_fit fit(double averaging_s)
     {
         std::vector<switching_clock> clocks;
         std::vector<switching_pulses> pulses;
@@ -236,8 +237,8 @@ struct end_separation::one {
             of.weights->switched(clocks.data(), pulses.data(), tags.size());
         end_fit found({ 1, of.weights->tones(), 2 * tags.size(), subcarriers },
                       mixed.data(),
-                      white.data());
-        if (without_spread && !tags.empty()) {
+                      cleaned.empty() ? white.data() : cleaned.data());
+        if (spread && cleaned.empty() && !tags.empty()) {
             cleaned = spread->removed(
                 found, 0, *of.weights, clocks.data(), pulses.data(), white.data());
             found.solve(cleaned.data());
@@ -286,10 +287,8 @@ void end_separation::correct_clocks(one& group) const
     std::vector<complex> own;
     std::optional<end_fit> fit;
     auto& parts = group.parts;
-    // What short symbols spread is noise to the clocks: they have all subcarriers.
-    const bool spreads = group.spread && group.spread->of_long_symbols();
-    if (tags.size() > 1 || d_settings.jointly || spreads) {
-        fit.emplace(group.fit(d_settings.averaging_s, spreads));
+    if (tags.size() > 1 || d_settings.jointly || group.spread) {
+        fit.emplace(group.fit(d_settings.averaging_s));
         if (d_settings.jointly)
             errors = phase_errors(information_of(*fit, inverse_noise));
         if (!group.cleaned.empty())
@@ -328,7 +327,7 @@ void end_separation::separate(one& group, bool update)
 {
     const std::size_t subcarriers = group.subcarriers;
     auto& found = group.found;
-    auto fit = group.fit(d_settings.averaging_s, group.spread != nullptr);
+    auto fit = group.fit(d_settings.averaging_s);
     if (group.wander)
         group.wander(group.number, fit, group.phase, group.rate);
     auto residual = fit.power();

@@ -35,7 +35,6 @@ public:
     // Throws std::invalid_argument where the sizes do not agree.
     explicit spread_lines(settings of);
 
-    bool of_long_symbols() const { return d_of.rounds > 1; }
     std::size_t tones() const { return 2 * d_of.line_gain.size(); } // 0: any
     std::size_t subcarriers() const { return d_of.bins.size(); }
 
