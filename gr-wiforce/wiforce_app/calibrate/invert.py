@@ -165,7 +165,7 @@ def _values(read):
 
 
 def _without_phases(row, sensor):
-    """The reading of a row without phases: no value, flagged as by `read`."""
+    """The reading of a row without phases: no value, flagged as where a sensor is not received."""
     name = row["sensor"] or sensor.name
     return Reading(row["time_s"], name, flags=("weak",), group=row["group"])
 

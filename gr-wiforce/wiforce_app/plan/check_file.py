@@ -230,11 +230,15 @@ def _default_frames(capture):
         radio = {"sample_rate_hz": capture.sample_rate_hz}
         if capture.center_frequency_hz is not None:
             radio["center_frequency_hz"] = capture.center_frequency_hz
-        # The survey finds tags on other clocks as well; the sensor does not matter.
-        sensor = {"name": "tag", "model": "line-900mhz"}
+        # The survey finds tags on other clocks as well; any sensor near the carrier will do.
+        near = 2400 if (capture.center_frequency_hz or 0.0) > 1.5e9 else 900
+        sensor = {"name": "tag", "model": f"line-{near}mhz"}
         settings = {"radio": radio, "sounding": {"waveform": waveform}, "sensors": [sensor]}
         try:
             scene = scene_of(capture, settings)[0]
+        except InputError as error:
+            return None, [f"frames were not looked for ({error}); {more}"]
+        try:
             first, _ = first_frame(capture, scene.waveform())
         except InputError:
             continue

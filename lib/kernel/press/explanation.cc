@@ -137,11 +137,6 @@ void both_amplitudes::grow(const pair_of_ends& by)
     difference += by[0] - by[1];
 }
 
-double both_amplitudes::update(double seen_mean, double seen_difference, double noise)
-{
-    return update_mean(seen_mean, noise) + update_difference(seen_difference, 4 * noise);
-}
-
 double both_amplitudes::update_difference(double seen, double noise)
 {
     return take(difference, difference_variance, seen, noise);
@@ -214,7 +209,7 @@ void explanation::merge(const explanation& other, double share)
     mean(age_s, other.age_s);
     mean(turn.velocity, other.turn.velocity);
     mean(turn.seen, other.turn.seen);
-    mean(turn.near, other.turn.near);
+    mean(turn.hands, other.turn.hands);
     mean(turn.moved, other.turn.moved);
     mean(turn.failed, other.turn.failed);
     mean(turn.watched_s, other.turn.watched_s);

@@ -87,9 +87,7 @@ struct both_amplitudes {
     both_ends at(const pair_of_ends& phase) const;
     void grow(const pair_of_ends& by);
     void merge(const both_amplitudes& other, double share);
-    //! Take both as they are seen, the difference with four times the noise of the mean;
-    //! give the log density that was expected.
-    double update(double seen_mean, double seen_difference, double noise);
+    //! Take what is seen; give the log density that was expected.
     double update_mean(double seen, double noise);
     double update_difference(double seen, double noise);
 };
@@ -120,7 +118,7 @@ struct explanation {
         std::size_t speed = 0; // how fast its velocity changes, of `speeds`
         // Turns seen where nothing looks alike, in this time, hands, and cables that
         // moved.
-        double seen = 0, near = 0, moved = 0, watched_s = 0;
+        double seen = 0, hands = 0, moved = 0, watched_s = 0;
         double failed = 0; // how often the tag's supply has
     } turn;
 

@@ -51,7 +51,7 @@ void press_filter::turn_slowly(
         next->age_s = 0; // as after a change of force, which looks the same at mid-line
     // What a finger turns says nothing of how often the tag turns.
     if (how == course::begins && sees_turns(from))
-        (near ? next->turn.near : next->turn.seen) += 1;
+        (near ? next->turn.hands : next->turn.seen) += 1;
     const bool begins = how == course::begins || how == course::warms;
     if (begins)
         begin_turn(*next);

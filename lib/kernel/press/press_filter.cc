@@ -258,13 +258,13 @@ void press_filter::with_courses(const explanation& from,
         other.line.amplitude.mean_variance += amplitude;
         other.press.strength.mean_variance += amplitude;
     };
-    event(from, probability * (1 - turns - hands));
+    event(from, probability * (1 - turns) * (1 - hands));
     course(turns, [&](explanation& other) {
         other.turn.sudden = true;
         widen(other, sudden_turn_variance(), squared(d_set.turn_np));
     });
     for (std::size_t i = 0; i < near_speeds; i++)
-        course(hands / near_speeds, [&](explanation& other) {
+        course((1 - turns) * hands / near_speeds, [&](explanation& other) {
             widen(other, hand_variance(i), hand_variance(i));
         });
 }
@@ -280,8 +280,8 @@ void press_filter::branch_untouched(const explanation& from)
         turn_slowly(from, quiet * goes_on, course::goes_on);
         turn_slowly(from, quiet * (1 - goes_on), course::ends);
     } else {
-        remain_untouched(from, quiet * (1 - turns - hands));
-        begin_turning(from, quiet * turns, quiet * hands);
+        remain_untouched(from, quiet * (1 - turns) * (1 - hands));
+        begin_turning(from, quiet * turns, quiet * (1 - turns) * hands);
     }
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained, unexplained);
@@ -335,9 +335,9 @@ void press_filter::branch_touched(const explanation& from)
         }
         stop_changing(from, quiet * (1 - goes_on));
     } else {
-        hold(from, quiet * (1 - begins) * (1 - turns - hands));
+        hold(from, quiet * (1 - begins) * (1 - turns) * (1 - hands));
         begin_changing(from, quiet * begins);
-        begin_turning(from, quiet * turns, quiet * hands);
+        begin_turning(from, quiet * turns, quiet * (1 - turns) * hands);
     }
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained, unexplained);
@@ -434,7 +434,7 @@ double press_filter::turn_probability(const explanation& of) const
 
 double press_filter::hand_probability(const explanation& of) const
 {
-    return happens(learned(d_set.hands, of.turn.near, of.turn.watched_s));
+    return happens(learned(d_set.hands, of.turn.hands, of.turn.watched_s));
 }
 
 double press_filter::move_probability(const explanation& of) const

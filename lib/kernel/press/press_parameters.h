@@ -20,7 +20,8 @@ struct press_parameters {
     double change_s = 0.03; // mean time that a sudden change takes
     double steady_s = 0.5;  // mean time that a steady change, or a turning tag, goes on
     double turns = 3e-4;    // 1/s: turns of the tag or an antenna, until they are learned
-    double turns_s = 10.0;  // s: time that this expectation, and that of cables, is worth
+    double turns_s =
+        10.0; // s: time that this expectation, and that of hands and cables, is worth
     double turn_deg = 15.0; // standard deviation of a sudden turn
     double turn_np =
         0.1; // and of the change of amplitude that comes with one by turn_deg

@@ -40,7 +40,8 @@ public:
         bool jointly;             // clocks by the complete model, not by each tag's lines
         // Power of line 1 of end 1, by which the SNR is defined.
         double line_power;
-        // Error of a phase, in rad, that noise does not explain.
+        // Error of a phase, in rad, that noise does not explain; 0 unless symbols are
+        // long.
         double least_error;
         double absent_s, unseen_s; // see clock_tracker::expired
     };

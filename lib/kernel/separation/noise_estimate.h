@@ -48,8 +48,8 @@ public:
     };
 
     // `profile`: noise of the subcarriers relative to each other, where only its level is
-    // to be learned (what tags spread over the subcarriers within a long symbol has a
-    // pattern that would correlate with the weights); empty otherwise.
+    // to be learned (of what tags spread over the subcarriers within a long symbol a rest
+    // has a pattern that would correlate with the weights); empty otherwise.
     noise_estimate(double group_period_s, std::vector<double> profile);
 
     bool known = false; // until then the arrays are empty

@@ -62,13 +62,20 @@ spread_lines::spread_lines(settings of)
     : d_of(std::move(of)), d_fourier(static_cast<int>(d_of.spectrum.size()))
 {
     const int length = d_fourier.length();
+    const auto outside = [length](int bin) { return bin < 0 || bin >= length; };
+    if (d_of.bins.empty() || d_of.factors.size() != d_of.bins.size() ||
+        std::any_of(d_of.bins.begin(), d_of.bins.end(), outside))
+        throw std::invalid_argument(
+            "spread_lines: bins must be of the spectrum, each with a factor");
+    if (d_of.rotation.size() != d_of.line_gain.size() * length)
+        throw std::invalid_argument(
+            "spread_lines: rotation must have a row for each line_gain");
+    if (d_of.repetitions < 1 || d_of.rounds < 1)
+        throw std::invalid_argument(
+            "spread_lines: repetitions and rounds must be 1 or more");
     std::vector<int> index(length, -1); // of the subcarrier of a bin
     for (std::size_t k = 0; k < d_of.bins.size(); k++)
-        index.at(d_of.bins[k]) = static_cast<int>(k);
-    if (d_of.bins.empty() || d_of.factors.size() != d_of.bins.size() ||
-        d_of.repetitions < 1 || d_of.rounds < 1 ||
-        d_of.rotation.size() != d_of.line_gain.size() * length)
-        throw std::invalid_argument("spread_lines: sizes must agree");
+        index[d_of.bins[k]] = static_cast<int>(k);
     // The channel of an unused subcarrier lies between those of the nearest used ones.
     for (int bin = 0; bin < length; bin++) {
         int down = 0, up = 0;

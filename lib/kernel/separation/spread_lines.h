@@ -10,7 +10,7 @@
 
 namespace gr::wiforce::kernel {
 
-// Removes what tags spread over the subcarriers from the tones of groups.
+// Removes what tags spread over the subcarriers from the tones of groups; for one thread.
 //
 // A switch that closes within a symbol passes only a part of its samples: each of the
 // tag's lines then spreads over the subcarriers (intercarrier interference). With the
