@@ -209,7 +209,7 @@ def test_kernel_takes_wander_from_the_residual_only(run):
 
 def test_kernel_refuses_spread_lines_of_other_tones(run):
     """A kernel must not read beyond its arrays."""
-    spread = spread_lines(np.arange(5), np.ones(8), np.ones(5), 4, None, None, 1)
+    spread = spread_lines(np.arange(5), np.ones(8), np.ones(5), 4, None, 1)
     with pytest.raises(ValueError, match="spread must be of these tones"):
         by_kernel(run, False, True, [GROUPS], spread)
 

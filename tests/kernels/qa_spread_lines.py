@@ -75,4 +75,4 @@ def test_spread_lines_refuse_arrays_of_other_shapes():
     bins = waveform.bins
     for given in ((bins[:-1], waveform.symbol), (bins, waveform.symbol[:0])):
         with pytest.raises((ValueError, IndexError)):
-            spread_lines(*given, np.ones(len(bins)), 4, None, None, 1)
+            spread_lines(*given, np.ones(len(bins)), 4, None, 1)

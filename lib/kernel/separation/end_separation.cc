@@ -35,14 +35,6 @@ constexpr double is_disturbed = 42.0;
 // The sandwich estimate has about a third of the degrees of freedom.
 constexpr double freedom_share = 3.0;
 
-// Makes parts, or a mixing matrix of them, from whitened ones.
-template <class T>
-WIFORCE_CLONES void
-color(const group_weights& weights, const T* white, std::size_t columns, T* parts)
-{
-    triangular_product(weights.colorer().data(), weights.tones(), white, columns, parts);
-}
-
 // Subtracts all ends from parts, M x K, that are not whitened. `mixing`: M x E, of these.
 WIFORCE_CLONES
 void subtract_ends(const std::vector<double>& mixing, const end_fit& fit, complex* parts)

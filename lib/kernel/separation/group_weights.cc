@@ -195,4 +195,14 @@ const std::vector<double>& group_weights::colorer() const
     return d_colorer;
 }
 
+template <class T>
+WIFORCE_CLONES void
+color(const group_weights& weights, const T* white, std::size_t columns, T* parts)
+{
+    triangular_product(weights.colorer().data(), weights.tones(), white, columns, parts);
+}
+
+template void color(const group_weights&, const double*, std::size_t, double*);
+template void color(const group_weights&, const complex*, std::size_t, complex*);
+
 } // namespace gr::wiforce::kernel

@@ -106,4 +106,9 @@ private:
     mutable std::vector<double> d_colorer; // empty until it is asked for
 };
 
+// Makes parts, or a mixing matrix of them, from whitened ones: M x `columns` of double or
+// complex.
+template <class T>
+void color(const group_weights& weights, const T* white, std::size_t columns, T* parts);
+
 } // namespace gr::wiforce::kernel

@@ -46,16 +46,6 @@ void multiply(const left_factor& left,
     add_product(left, right, columns, to);
 }
 
-WIFORCE_CLONES
-void multiply_lower(const std::vector<double>& lower,
-                    std::size_t count,
-                    const std::vector<complex>& right,
-                    std::size_t columns,
-                    complex* to)
-{
-    triangular_product(lower.data(), count, right.data(), columns, to);
-}
-
 } // namespace
 
 spread_lines::spread_lines(settings of)
@@ -67,9 +57,8 @@ spread_lines::spread_lines(settings of)
         std::any_of(d_of.bins.begin(), d_of.bins.end(), outside))
         throw std::invalid_argument(
             "spread_lines: bins must be of the spectrum, each with a factor");
-    if (d_of.rotation.size() != d_of.line_gain.size() * length)
-        throw std::invalid_argument(
-            "spread_lines: rotation must have a row for each line_gain");
+    if (d_of.rotation.size() % length)
+        throw std::invalid_argument("spread_lines: rotation must have a column a sample");
     if (d_of.repetitions < 1 || d_of.rounds < 1)
         throw std::invalid_argument(
             "spread_lines: repetitions and rounds must be 1 or more");
@@ -114,12 +103,12 @@ void spread_lines::unrotated_to_tones(const group_weights& weights,
 {
     const std::size_t length = d_sources.size(), count = weights.tones();
     std::vector<complex> parts(samples.size());
-    multiply_lower(weights.colorer(), count, samples, length, parts.data());
+    color(weights, samples.data(), length, parts.data());
     for (std::size_t pair = 0; pair < count / 2; pair++) {
         complex* const first = &parts[2 * pair * length];
         complex* const second = first + length;
         for (std::size_t n = 0; n < length; n++) {
-            const complex by = d_of.rotation[pair * length + n] / d_of.line_gain[pair];
+            const complex by = d_of.rotation[pair * length + n];
             // (a + jb) by, and (a - jb) conj(by), which are its real and imaginary parts
             // where a and b are real.
             const complex a = first[n], b = second[n];
@@ -127,7 +116,7 @@ void spread_lines::unrotated_to_tones(const group_weights& weights,
             second[n] = by.real() * b + by.imag() * a;
         }
     }
-    multiply_lower(weights.whitener(), count, parts, length, samples.data());
+    whiten(weights.whitener().data(), parts.data(), count, length, samples.data());
 }
 
 // Whitened parts (M x K) that the ends cause, with what they spread.

@@ -26,16 +26,19 @@ public:
         std::vector<complex> factors;  // K, from the transform to the channel
         int repetitions;               // of the symbol, that a snapshot is the mean of
         // Factors (M/2 x N) that rotated the samples of the tones of positive frequency,
-        // and what the fit's mixing is multiplied by instead (M/2); empty if none did.
+        // times what this leaves of their mean over the symbol otherwise; empty if none
+        // did.
         std::vector<complex> rotation;
-        std::vector<double> line_gain;
         int rounds; // times that the ends are solved
     };
 
     // Throws std::invalid_argument where the sizes do not agree.
     explicit spread_lines(settings of);
 
-    std::size_t tones() const { return 2 * d_of.line_gain.size(); } // 0: any
+    std::size_t tones() const // 0: any
+    {
+        return 2 * d_of.rotation.size() / d_of.spectrum.size();
+    }
     std::size_t subcarriers() const { return d_of.bins.size(); }
 
     // Whitened parts (M x K) without spread lines, by a fit of group `row` of these tags

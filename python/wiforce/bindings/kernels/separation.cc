@@ -105,7 +105,6 @@ make_spread_lines(const array<int>& bins,
                   const complex_array& factors,
                   int repetitions,
                   const std::optional<complex_array>& rotation,
-                  const std::optional<array<double>>& line_gain,
                   int rounds)
 {
     return std::make_unique<spread_lines>(
@@ -114,7 +113,6 @@ make_spread_lines(const array<int>& bins,
                                 flat(factors),
                                 repetitions,
                                 rotation ? flat(*rotation) : std::vector<complex>{},
-                                line_gain ? flat(*line_gain) : std::vector<double>{},
                                 rounds });
 }
 
@@ -452,14 +450,13 @@ and both duty cycles.)")
         m,
         "spread_lines",
         R"(Removes what tags spread over the subcarriers. bins, factors: (K,). spectrum: (N,), of
-the symbol. rotation: (M/2, N), line_gain: (M/2,), of the tones of positive frequency.)")
+the symbol. rotation: (M/2, N), of the tones of positive frequency.)")
         .def(py::init(&make_spread_lines),
              "bins"_a,
              "spectrum"_a,
              "factors"_a,
              "repetitions"_a,
              "rotation"_a,
-             "line_gain"_a,
              "rounds"_a)
         .def("removed",
              &without_spread,

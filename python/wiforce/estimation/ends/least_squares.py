@@ -67,14 +67,14 @@ def spread_lines_of(waveform: Waveform, table: ToneTable) -> spread_lines:
     bins, factors = waveform.bins, waveform.equalizer()[waveform.bins]
     spectrum = np.fft.fft(waveform.symbol)
     spectrum /= np.mean(spectrum[bins] * factors)
-    rotation = gain = None
+    rotation = None
     if waveform.is_derotated:
         of_symbol = waveform.sample_rate_hz, waveform.symbol_length
         upper = slice(len(table.tones) // 2, None)
-        rotation = table.derotation(*of_symbol)[upper]
-        gain = 1 / table.symbol_gain(*of_symbol)[upper]
+        # The fit is of tones without derotation, which lose this gain.
+        rotation = (table.derotation(*of_symbol) * table.symbol_gain(*of_symbol)[:, None])[upper]
     rounds = _ROUNDS_OF_SHORT if waveform.is_derotated else _ROUNDS
-    return spread_lines(bins, spectrum, factors, waveform.repetitions, rotation, gain, rounds)
+    return spread_lines(bins, spectrum, factors, waveform.repetitions, rotation, rounds)
 
 
 class ToneModel:
