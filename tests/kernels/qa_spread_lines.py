@@ -53,7 +53,7 @@ def test_ends_explain_tones_of_samples_without_spread_lines(frame_length, length
     fit = end_fit(weights.switched(clocks, PULSES), white)
     before = np.sum(fit.power())
     spread = spread_lines_of(waveform, table)
-    fit.solve(spread.removed(fit, [weights], clocks, PULSES, white))
+    fit.solve(spread.removed(fit, [weights], clocks, PULSES, tones[None]))
     assert np.sum(fit.power()) < 1e-4 * before
     np.testing.assert_allclose(fit.ends[0], ends.repeat(len(waveform.bins), axis=1), atol=3e-4)
 

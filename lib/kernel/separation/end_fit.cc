@@ -118,7 +118,7 @@ inverse_of(const matrix_of& matrix, std::size_t n, double singular = 1e12)
 
 } // namespace
 
-end_fit::end_fit(const shape& of, const double* mixed, const complex* tones)
+end_fit::end_fit(const shape& of, const double* mixed)
     : sizes(of),
       mixing(of.groups * of.tones * of.ends),
       slopes(mixing.size()),
@@ -133,7 +133,6 @@ end_fit::end_fit(const shape& of, const double* mixed, const complex* tones)
         std::copy_n(mixed + 2 * n * row + n, n, slopes.data() + n * row);
     }
     invert();
-    solve(tones);
 }
 
 WIFORCE_CLONES

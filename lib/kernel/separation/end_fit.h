@@ -22,10 +22,10 @@ public:
     };
 
     // `mixed`: M x 2E of every group, the tags' waveforms as whitened tones, and behind
-    // them their derivatives by the clocks' phases. `tones`: M x K, whitened.
-    end_fit(const shape& sizes, const double* mixed, const complex* tones);
+    // them their derivatives by the clocks' phases.
+    end_fit(const shape& sizes, const double* mixed);
 
-    // Fits other tones of the same groups at the same clocks.
+    // Fits tones of the groups, M x K, whitened.
     void solve(const complex* tones);
 
     const shape sizes;

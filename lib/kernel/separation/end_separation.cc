@@ -8,6 +8,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <utility>
 
 namespace gr::wiforce::kernel {
 
@@ -35,12 +36,15 @@ constexpr double is_disturbed = 42.0;
 // The sandwich estimate has about a third of the degrees of freedom.
 constexpr double freedom_share = 3.0;
 
-// Subtracts all ends from parts, M x K, that are not whitened. `mixing`: M x E, of these.
+// Subtracts all ends from parts, M x K. `switched`: M x 2E, of which the first E are what
+// the waveforms leave in these.
 WIFORCE_CLONES
-void subtract_ends(const std::vector<double>& mixing, const end_fit& fit, complex* parts)
+void subtract_ends(const std::vector<double>& switched,
+                   const end_fit& fit,
+                   complex* parts)
 {
     const auto& of = fit.sizes;
-    add_product({ mixing.data(), of.tones, of.ends, of.ends, 1, -1 },
+    add_product({ switched.data(), of.tones, of.ends, 2 * of.ends, 1, -1 },
                 fit.ends.data(),
                 of.subcarriers,
                 parts);
@@ -48,7 +52,7 @@ void subtract_ends(const std::vector<double>& mixing, const end_fit& fit, comple
 
 // Adds two ends, from `first` on, to a tone.
 WIFORCE_CLONES
-void add_own(const std::vector<double>& mixing,
+void add_own(const std::vector<double>& switched,
              const end_fit& fit,
              std::size_t first,
              std::size_t row,
@@ -56,8 +60,8 @@ void add_own(const std::vector<double>& mixing,
 {
     const auto [pair, sign] = pair_of(row, fit.sizes.tones);
     for (std::size_t end = first; end < first + 2; end++) {
-        const double* const response = &mixing[2 * pair * fit.sizes.ends + end];
-        add_scaled({ response[0], sign * response[fit.sizes.ends] },
+        const double* const response = &switched[4 * pair * fit.sizes.ends + end];
+        add_scaled({ response[0], sign * response[2 * fit.sizes.ends] },
                    &fit.ends[end * fit.sizes.subcarriers],
                    fit.sizes.subcarriers,
                    tone);
@@ -72,6 +76,12 @@ double energy_of(const complex* channel, const double* weights, std::size_t subc
     for (std::size_t k = 0; k < subcarriers; k++)
         sum += std::norm(channel[k]) * weights[k];
     return sum;
+}
+
+WIFORCE_CLONES
+double mean_power(const std::vector<complex>& values)
+{
+    return power_of(values.data(), values.size()) / double(values.size());
 }
 
 // Ratios of a group's residual along an end's channel to noise.
@@ -190,12 +200,12 @@ struct end_separation::one {
     spread_lines* const spread;
     const remove_wander& wander;
     separated& found;
-    std::vector<complex>& parts;         // M x K, as received
-    std::vector<complex>& white;         // and whitened
+    std::vector<complex>& parts;         // M x K; once fitted without spread lines
+    std::vector<complex>& white;         // and whitened, then
     std::vector<double> phase{}, rate{}; // of the tags' clocks
     std::vector<char> received{};
-    double level = 0;               // mean power of the whitened parts
-    std::vector<complex> cleaned{}; // whitened parts without spread lines
+    std::vector<double> switched{}; // M x 4S, what the waveforms leave in the parts
+    bool fitted = false;
 
     void receive()
     {
@@ -204,9 +214,6 @@ struct end_separation::one {
         std::visit(
             [&](const auto* tones) { parts_of(tones, rows, subcarriers, parts.data()); },
             of.tones);
-        white.resize(parts.size());
-        level = whiten(
-            of.weights->whitener().data(), parts.data(), rows, subcarriers, white.data());
         for (const auto& each : tags) {
             phase.push_back(each.clock->predict(of.center_s));
             rate.push_back(each.clock->rate);
@@ -225,16 +232,25 @@ struct end_separation::one {
             clocks.push_back({ phase[i], total, total * averaging_s / 2 });
             pulses.push_back(tags[i].pulses);
         }
-        const auto mixed =
-            of.weights->switched(clocks.data(), pulses.data(), tags.size());
-        end_fit found({ 1, of.weights->tones(), 2 * tags.size(), subcarriers },
-                      mixed.data(),
-                      cleaned.empty() ? white.data() : cleaned.data());
-        if (spread && cleaned.empty() && !tags.empty()) {
-            cleaned = spread->removed(
-                found, 0, *of.weights, clocks.data(), pulses.data(), white.data());
-            found.solve(cleaned.data());
+        const std::size_t rows = of.weights->tones(), ends = 2 * tags.size();
+        const double* const whitener = of.weights->whitener().data();
+        switched = of.weights->switched(clocks.data(), pulses.data(), tags.size());
+        std::vector<double> mixed(switched.size());
+        whiten(whitener, switched.data(), rows, 2 * ends, mixed.data());
+        end_fit found({ 1, rows, ends, subcarriers }, mixed.data());
+        if (!std::exchange(fitted, true)) {
+            if (spread && ends)
+                spread->remove(found,
+                               0,
+                               *of.weights,
+                               clocks.data(),
+                               pulses.data(),
+                               switched.data(),
+                               parts.data());
+            white.resize(parts.size());
+            whiten(whitener, parts.data(), rows, subcarriers, white.data());
         }
+        found.solve(white.data());
         return found;
     }
 };
@@ -275,22 +291,16 @@ void end_separation::correct_clocks(one& group) const
     const auto& weights = *group.of.weights;
     const double* const inverse_noise = group.noise.inverse().data();
     std::vector<clock_tracker::measurement> errors;
-    std::vector<double> mixing;
     std::vector<complex> own;
     std::optional<end_fit> fit;
-    auto& parts = group.parts;
+    auto& parts = group.parts; // which the fit no longer needs
     if (tags.size() > 1 || d_settings.jointly || group.spread) {
         fit.emplace(group.fit(d_settings.averaging_s));
         if (d_settings.jointly)
             errors = phase_errors(information_of(*fit, inverse_noise));
-        if (!group.cleaned.empty())
-            color(weights, group.cleaned.data(), subcarriers, parts.data());
     }
-    if (tags.size() > 1) {
-        mixing.resize(fit->mixing.size());
-        color(weights, fit->mixing.data(), fit->sizes.ends, mixing.data());
-        subtract_ends(mixing, *fit, parts.data());
-    }
+    if (tags.size() > 1)
+        subtract_ends(group.switched, *fit, parts.data());
     const double noise_level = group.noise.level();
     for (std::size_t i = 0; i < tags.size(); i++) {
         const auto& lines = tags[i].lines;
@@ -299,7 +309,7 @@ void end_separation::correct_clocks(one& group) const
             complex* const tone = &own[line * subcarriers];
             tone_of(parts.data(), lines[line], weights.tones(), subcarriers, tone);
             if (tags.size() > 1)
-                add_own(mixing, *fit, 2 * i, lines[line], tone);
+                add_own(group.switched, *fit, 2 * i, lines[line], tone);
         }
         auto& clock = *tags[i].clock;
         auto likelihood = tags[i].likelihood->at(
@@ -325,8 +335,10 @@ void end_separation::separate(one& group, bool update)
     auto residual = fit.power();
     for (double& each : residual)
         each /= fit.freedom();
-    const auto noise = group.noise.follow(
-        std::move(residual), fit.freedom(), group.level, update && group.of.complete);
+    const auto noise = group.noise.follow(std::move(residual),
+                                          fit.freedom(),
+                                          mean_power(group.white),
+                                          update && group.of.complete);
     found.outcome = noise.outcome;
     const auto ratios = coherence_of(fit, noise.inverse);
 

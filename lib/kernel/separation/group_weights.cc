@@ -50,17 +50,18 @@ void tone_of(const complex* parts,
                     first[k].imag() + sign * second[k].real() };
 }
 
-WIFORCE_CLONES
-double whiten(const double* whitener,
-              const complex* parts,
-              std::size_t count,
-              std::size_t subcarriers,
-              complex* white)
+template <class T>
+WIFORCE_CLONES void whiten(const double* whitener,
+                           const T* parts,
+                           std::size_t count,
+                           std::size_t columns,
+                           T* white)
 {
-    triangular_product(whitener, count, parts, subcarriers, white);
-    return power_of(white, count * subcarriers) /
-           double(std::max<std::size_t>(count * subcarriers, 1));
+    triangular_product(whitener, count, parts, columns, white);
 }
+
+template void whiten(const double*, const double*, std::size_t, std::size_t, double*);
+template void whiten(const double*, const complex*, std::size_t, std::size_t, complex*);
 
 group_weights::group_weights(const std::vector<double>& mixer,
                              std::vector<double> times_s,
@@ -68,34 +69,67 @@ group_weights::group_weights(const std::vector<double>& mixer,
                              double loss)
     : loss(loss),
       d_tones(mixer.size() / times_s.size()),
-      d_width((d_tones + 3) / 4 * 4),
+      d_width((d_tones + 7) / 8 * 8),
       d_times_s(std::move(times_s)),
       d_whitener(std::move(whitener)),
-      d_mixer(d_times_s.size() * d_width)
+      d_from((d_times_s.size() + 1) * d_width)
 {
-    for (std::size_t i = 0; i < d_times_s.size(); i++)
-        std::copy_n(&mixer[i * d_tones], d_tones, &d_mixer[i * d_width]);
+    for (std::size_t i = d_times_s.size(); i-- > 0;)
+        for (std::size_t tone = 0; tone < d_tones; tone++)
+            d_from[i * d_width + tone] =
+                d_from[(i + 1) * d_width + tone] + mixer[i * d_tones + tone];
 }
 
-WIFORCE_CLONES
 std::vector<double> group_weights::switched(const switching_clock* clocks,
                                             const switching_pulses* of,
                                             std::size_t tags) const
 {
-    const std::size_t snapshots = d_times_s.size(), lists = 2 * tags;
-    std::vector<double> waveforms(2 * lists * snapshots), sums(2 * lists * d_width),
-        mixed(2 * lists * d_tones);
-    for (std::size_t i = 0; i < lists; i++)
-        averages(clocks[i / 2],
-                 of[i / 2],
-                 i % 2,
-                 &waveforms[i * snapshots],
-                 &waveforms[(lists + i) * snapshots]);
-    add_product(
-        { waveforms.data(), 2 * lists, snapshots }, d_mixer.data(), d_width, sums.data());
+    const std::size_t lists = 2 * tags;
+    std::vector<double> average(d_times_s.size()), slope(average.size());
+    std::vector<double> sums(2 * lists * d_width), mixed(2 * lists * d_tones);
+    for (std::size_t i = 0; i < lists; i++) {
+        averages(clocks[i / 2], of[i / 2], i % 2, average.data(), slope.data());
+        add_mixed(average, slope, &sums[i * d_width], &sums[(lists + i) * d_width]);
+    }
     for (std::size_t i = 0; i < mixed.size(); i++)
         mixed[i] = sums[i % (2 * lists) * d_width + i / (2 * lists)];
     return mixed;
+}
+
+// Adds to sums (M) what two courses, which change at the same snapshots, leave in the
+// parts.
+WIFORCE_CLONES
+void group_weights::add_mixed(const std::vector<double>& first,
+                              const std::vector<double>& second,
+                              double* first_sums,
+                              double* second_sums) const
+{
+    constexpr std::size_t at_once = 4; // for which sums are loaded and stored
+    std::vector<std::size_t> changed(first.size() + at_once);
+    std::size_t count = 1; // the first from 0
+    for (std::size_t i = 1; i < first.size(); i++) {
+        changed[count] = i;
+        count += (first[i] != first[i - 1]) | (second[i] != second[i - 1]);
+    }
+    const double* rows[at_once];
+    double by[at_once], also[at_once];
+    for (std::size_t from = 0; from < count; from += at_once) {
+        for (std::size_t j = 0; j < at_once; j++) {
+            const std::size_t i = from + j < count ? changed[from + j] : 0;
+            rows[j] = &d_from[i * d_width];
+            by[j] = i ? first[i] - first[i - 1] : from + j ? 0 : first[0];
+            also[j] = i ? second[i] - second[i - 1] : from + j ? 0 : second[0];
+        }
+        for (std::size_t tone = 0; tone < d_width; tone++) {
+            const double values[] = {
+                rows[0][tone], rows[1][tone], rows[2][tone], rows[3][tone]
+            };
+            first_sums[tone] += (by[0] * values[0] + by[1] * values[1]) +
+                                (by[2] * values[2] + by[3] * values[3]);
+            second_sums[tone] += (also[0] * values[0] + also[1] * values[1]) +
+                                 (also[2] * values[2] + also[3] * values[3]);
+        }
+    }
 }
 
 // Averages of a waveform over the snapshots, and their derivatives by the phase.
@@ -125,84 +159,37 @@ void group_weights::averages(const switching_clock& at,
 }
 
 WIFORCE_CLONES
-std::vector<double> group_weights::courses(const switching_clock* clocks,
-                                           const switching_pulses* of,
-                                           std::size_t tags,
-                                           const double* mixing,
-                                           std::size_t length,
-                                           int repetitions) const
+std::vector<double> group_weights::steps(const switching_clock& at,
+                                         const switching_pulses& of,
+                                         int waveform,
+                                         std::size_t length,
+                                         int repetitions) const
 {
-    const std::size_t snapshots = d_times_s.size(), ends = 2 * tags, row = ends * d_tones;
-    std::vector<double> courses(length * row), average(snapshots), slope(snapshots);
-    for (std::size_t end = 0; end < ends; end++) {
-        const auto& at = clocks[end / 2];
-        averages(at, of[end / 2], end % 2, average.data(), slope.data());
-        for (std::size_t i = 0; i < snapshots; i++) {
-            if (slope[i] == 0)
-                continue;
-            // A pulse that begins in the window, where the average rises with the phase,
-            // is on behind its edge, one that ends before it.
-            const double edge = slope[i] > 0 ? 1 - average[i] : average[i];
-            // Samples from the start of the repetition that holds the edge.
-            const double sample = std::fmod(edge * repetitions * length, length);
-            const auto first = std::min(static_cast<std::size_t>(sample), length - 1);
-            const double late = sample - first,
-                         step = (slope[i] > 0 ? 1.0 : -1.0) / repetitions;
-            const double* const from = &d_mixer[i * d_width];
-            double* const to = &courses[first * row + end * d_tones];
-            // An edge within a sample leaves the mean over it; behind the last one
-            // nothing follows.
-            for (std::size_t tone = 0; tone < d_tones; tone++)
-                to[tone] += step * (1 - late) * from[tone];
-            if (first + 1 < length)
-                for (std::size_t tone = 0; tone < d_tones; tone++)
-                    to[row + tone] += step * late * from[tone];
-        }
+    const std::size_t snapshots = d_times_s.size();
+    std::vector<double> steps(length * d_width), average(snapshots), slope(snapshots);
+    averages(at, of, waveform, average.data(), slope.data());
+    for (std::size_t i = 0; i < snapshots; i++) {
+        if (slope[i] == 0)
+            continue;
+        // A pulse that begins in the window, where the average rises with the phase, is
+        // on behind its edge, one that ends before it.
+        const double edge = slope[i] > 0 ? 1 - average[i] : average[i];
+        // Samples from the start of the repetition that holds the edge.
+        const double sample = std::fmod(edge * repetitions * length, length);
+        const auto first = std::min(static_cast<std::size_t>(sample), length - 1);
+        const double late = sample - first,
+                     step = (slope[i] > 0 ? 1.0 : -1.0) / repetitions;
+        const double *const from = &d_from[i * d_width], *const next = from + d_width;
+        double* const to = &steps[first * d_width];
+        // An edge within a sample leaves the mean over it; behind the last one nothing
+        // follows.
+        for (std::size_t tone = 0; tone < d_width; tone++)
+            to[tone] += step * (1 - late) * (from[tone] - next[tone]);
+        if (first + 1 < length)
+            for (std::size_t tone = 0; tone < d_width; tone++)
+                to[d_width + tone] += step * late * (from[tone] - next[tone]);
     }
-    std::vector<double> offset(row);
-    for (std::size_t n = 0; n < length; n++)
-        for (std::size_t i = 0; i < row; i++) {
-            if (n)
-                courses[n * row + i] += courses[(n - 1) * row + i];
-            offset[i] -= courses[n * row + i] / length;
-        }
-    for (std::size_t end = 0; end < ends; end++)
-        for (std::size_t tone = 0; tone < d_tones; tone++)
-            offset[end * d_tones + tone] += mixing[tone * ends + end];
-    for (std::size_t n = 0; n < length; n++)
-        for (std::size_t i = 0; i < row; i++)
-            courses[n * row + i] += offset[i];
-    return courses;
+    return steps;
 }
-
-const std::vector<double>& group_weights::colorer() const
-{
-    const std::size_t n = tones();
-    if (!d_colorer.empty() || !n)
-        return d_colorer;
-    // Row by row from those above: each is what the row of the whitener leaves of 1.
-    d_colorer.resize(n * n);
-    for (std::size_t row = 0; row < n; row++) {
-        auto* const found = &d_colorer[row * n];
-        found[row] = 1.0;
-        for (std::size_t above = 0; above < row; above++)
-            for (std::size_t column = 0; column <= above; column++)
-                found[column] -=
-                    d_whitener[row * n + above] * d_colorer[above * n + column];
-        for (std::size_t column = 0; column <= row; column++)
-            found[column] /= d_whitener[row * n + row];
-    }
-    return d_colorer;
-}
-
-template <class T>
-WIFORCE_CLONES void
-color(const group_weights& weights, const T* white, std::size_t columns, T* parts)
-{
-    triangular_product(weights.colorer().data(), weights.tones(), white, columns, parts);
-}
-
-template void color(const group_weights&, const double*, std::size_t, double*);
-template void color(const group_weights&, const complex*, std::size_t, complex*);
 
 } // namespace gr::wiforce::kernel

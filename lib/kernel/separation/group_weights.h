@@ -34,13 +34,14 @@ void tone_of(const complex* parts,
              std::size_t subcarriers,
              complex* tone);
 
-// Makes the noise of parts (M x K) white by a lower triangular matrix (M x M); gives the
-// mean power of the result.
-double whiten(const double* whitener,
-              const complex* parts,
-              std::size_t count,
-              std::size_t subcarriers,
-              complex* white);
+// Makes the noise of parts (M x `columns` of double or complex) white by a lower
+// triangular matrix (M x M).
+template <class T>
+void whiten(const double* whitener,
+            const T* parts,
+            std::size_t count,
+            std::size_t columns,
+            T* white);
 
 // A tag's clock at the centre of a group: phase in rad, rate in rad/s, and half the phase
 // that a snapshot averages over.
@@ -59,9 +60,9 @@ struct switching_pulses {
 class group_weights
 {
 public:
-    // `mixer`: of whitened parts, a row of M for each snapshot; `times_s`: of the
-    // snapshots, from the centre. `whitener`: lower triangular, M x M, makes the noise of
-    // parts white. `loss`: snapshots of a group over those received.
+    // `mixer`: of parts, a row of M for each snapshot; `times_s`: of the snapshots, from
+    // the centre. `whitener`: lower triangular, M x M, makes the noise of parts white.
+    // `loss`: snapshots of a group over those received.
     group_weights(const std::vector<double>& mixer,
                   std::vector<double> times_s,
                   std::vector<double> whitener,
@@ -70,28 +71,26 @@ public:
     const double loss;
 
     std::size_t tones() const { return d_tones; }
+    std::size_t width() const { return d_width; } // of rows of M, as registers hold
 
-    // What the switching waveforms of S tags leave in the whitened parts: both waveforms
-    // of each tag, averaged over the snapshots, and behind these their derivatives by the
-    // phase of the clock, M x 4S.
+    // What the switching waveforms of S tags leave in the parts: both waveforms of each
+    // tag, averaged over the snapshots, and behind these their derivatives by the phase
+    // of the clock, M x 4S.
     std::vector<double> switched(const switching_clock* clocks,
                                  const switching_pulses* of,
                                  std::size_t tags) const;
 
-    // What sample n of a symbol, through each of the 2S switches of S tags, leaves in the
-    // whitened parts, N x 2S x M; `repetitions` of the symbol are averaged. `mixing`, M x
-    // 2S, is the mean over the samples.
-    std::vector<double> courses(const switching_clock* clocks,
-                                const switching_pulses* of,
-                                std::size_t tags,
-                                const double* mixing,
-                                std::size_t length,
-                                int repetitions) const;
+    // What each sample of a symbol leaves in the parts, through one of a tag's two
+    // switches, more than the sample before: N x M, in rows of `width()`. Of the first,
+    // where it is unknown whether the switch is on, that of an edge in it.
+    // `repetitions` of the symbol are averaged.
+    std::vector<double> steps(const switching_clock& at,
+                              const switching_pulses& of,
+                              int waveform,
+                              std::size_t length,
+                              int repetitions) const;
 
     const std::vector<double>& whitener() const { return d_whitener; }
-
-    // Inverse of the whitener.
-    const std::vector<double>& colorer() const;
 
 private:
     void averages(const switching_clock& at,
@@ -99,16 +98,16 @@ private:
                   int waveform,
                   double* average,
                   double* slope) const;
+    void add_mixed(const std::vector<double>& first,
+                   const std::vector<double>& second,
+                   double* first_sums,
+                   double* second_sums) const;
 
-    const std::size_t d_tones, d_width; // the latter a multiple of 4, as registers hold
+    const std::size_t d_tones, d_width; // the latter a multiple of 8
     const std::vector<double> d_times_s, d_whitener;
-    std::vector<double> d_mixer;           // snapshots x width
-    mutable std::vector<double> d_colorer; // empty until it is asked for
+    // Sums of the mixer's rows from each snapshot to the last, and a row of zeros:
+    // waveforms change at few snapshots.
+    std::vector<double> d_from;
 };
-
-// Makes parts, or a mixing matrix of them, from whitened ones: M x `columns` of double or
-// complex.
-template <class T>
-void color(const group_weights& weights, const T* white, std::size_t columns, T* parts);
 
 } // namespace gr::wiforce::kernel

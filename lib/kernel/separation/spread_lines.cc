@@ -12,36 +12,32 @@ namespace gr::wiforce::kernel {
 
 namespace {
 
-// samples (M x N) = courses (N x E x M) times what is received (E x N).
+// Adds to samples (N x M, real and imaginary parts in rows of `width`) those of a symbol
+// (N) as a switch passes it. `course`: of its first sample, less the first step.
 WIFORCE_CLONES
-void sum_ends(const double* courses,
-              const complex* received,
-              std::size_t ends,
-              std::size_t tones,
-              std::size_t length,
-              complex* samples)
+void add_passed(const std::vector<double>& steps,
+                const complex* symbol,
+                std::size_t width,
+                std::vector<double>& course,
+                double* samples)
 {
-    std::vector<double> real(tones), imag(tones);
-    for (std::size_t n = 0; n < length; n++) {
-        std::fill(real.begin(), real.end(), 0.0);
-        std::fill(imag.begin(), imag.end(), 0.0);
-        for (std::size_t end = 0; end < ends; end++, courses += tones) {
-            const complex value = received[end * length + n];
-            for (std::size_t tone = 0; tone < tones; tone++) {
-                real[tone] += courses[tone] * value.real();
-                imag[tone] += courses[tone] * value.imag();
-            }
+    double* const now = course.data();
+    const double* step = steps.data();
+    for (const double* const end = step + steps.size(); step < end; step += width) {
+        const double real = symbol->real(), imag = symbol->imag();
+        symbol++;
+        for (std::size_t tone = 0; tone < width; tone++) {
+            now[tone] += step[tone];
+            samples[tone] += now[tone] * real;
+            samples[width + tone] += now[tone] * imag;
         }
-        for (std::size_t tone = 0; tone < tones; tone++)
-            samples[tone * length + n] = { real[tone], imag[tone] };
+        samples += 2 * width;
     }
 }
 
-WIFORCE_CLONES
-void multiply(const left_factor& left,
-              const complex* right,
-              std::size_t columns,
-              complex* to)
+template <class T>
+WIFORCE_CLONES void
+multiply(const left_factor& left, const T* right, std::size_t columns, T* to)
 {
     add_product(left, right, columns, to);
 }
@@ -97,76 +93,93 @@ std::vector<complex> spread_lines::received(const complex* ends, std::size_t cou
     return samples;
 }
 
-// Rotates samples (M x N) of whitened parts as those of the tones were.
-void spread_lines::unrotated_to_tones(const group_weights& weights,
-                                      std::vector<complex>& samples)
+// Samples (N x M, real and imaginary parts in rows of the weights' width) that symbols
+// (E x N) leave in the parts.
+std::vector<double> spread_lines::passed(const complex* symbols,
+                                         std::size_t ends,
+                                         const group_weights& weights,
+                                         const switching_clock* clocks,
+                                         const switching_pulses* pulses,
+                                         const double* switched) const
 {
-    const std::size_t length = d_sources.size(), count = weights.tones();
-    std::vector<complex> parts(samples.size());
-    color(weights, samples.data(), length, parts.data());
-    for (std::size_t pair = 0; pair < count / 2; pair++) {
-        complex* const first = &parts[2 * pair * length];
-        complex* const second = first + length;
-        for (std::size_t n = 0; n < length; n++) {
-            const complex by = d_of.rotation[pair * length + n];
-            // (a + jb) by, and (a - jb) conj(by), which are its real and imaginary parts
-            // where a and b are real.
-            const complex a = first[n], b = second[n];
-            first[n] = by.real() * a - by.imag() * b;
-            second[n] = by.real() * b + by.imag() * a;
-        }
+    const std::size_t length = d_sources.size(), width = weights.width();
+    std::vector<double> samples(2 * width * length), course(width);
+    for (std::size_t end = 0; end < ends; end++) {
+        const auto steps = weights.steps(
+            clocks[end / 2], pulses[end / 2], end % 2, length, d_of.repetitions);
+        // The mean over the samples is that of the fit.
+        for (std::size_t tone = 0; tone < weights.tones(); tone++)
+            course[tone] = switched[tone * 2 * ends + end];
+        for (std::size_t n = 0; n < length; n++)
+            for (std::size_t tone = 0; tone < width; tone++)
+                course[tone] -= double(length - n) / length * steps[n * width + tone];
+        add_passed(steps, symbols + end * length, width, course, samples.data());
     }
-    whiten(weights.whitener().data(), parts.data(), count, length, samples.data());
+    return samples;
 }
 
-// Whitened parts (M x K) that the ends cause, with what they spread.
-std::vector<complex> spread_lines::tones_of(const complex* ends,
-                                            const std::vector<double>& courses,
-                                            const end_fit::shape& sizes,
-                                            const group_weights& weights)
+// Subtracts from parts (M x K) the transforms of such samples, rotated as those of the
+// tones were.
+void spread_lines::subtract(const std::vector<double>& samples,
+                            const group_weights& weights,
+                            complex* parts)
 {
-    const std::size_t length = d_sources.size(), count = sizes.tones;
-    const auto symbols = received(ends, sizes.ends);
-    std::vector<complex> samples(count * length), tones(count * sizes.subcarriers);
-    sum_ends(courses.data(), symbols.data(), sizes.ends, count, length, samples.data());
-    if (!d_of.rotation.empty())
-        unrotated_to_tones(weights, samples);
-    for (std::size_t tone = 0; tone < count; tone++) {
-        std::copy_n(&samples[tone * length], length, d_fourier.input());
+    const std::size_t length = d_sources.size(), width = weights.width();
+    std::vector<fc32> second(length);
+    const auto subtract_transform = [&](std::size_t row) {
         const fc32* const found = d_fourier.execute();
-        for (std::size_t k = 0; k < sizes.subcarriers; k++)
-            tones[tone * sizes.subcarriers + k] =
+        for (std::size_t k = 0; k < d_of.bins.size(); k++)
+            parts[row * d_of.bins.size() + k] -=
                 complex(found[d_of.bins[k]]) * d_of.factors[k];
+    };
+    for (std::size_t row = 0; row < weights.tones(); row += 2) {
+        for (std::size_t n = 0; n < length; n++) {
+            const double* const at = &samples[2 * width * n + row];
+            complex a{ at[0], at[width] }, b{ at[1], at[width + 1] };
+            if (!d_of.rotation.empty()) {
+                const complex by = d_of.rotation[row / 2 * length + n];
+                // (a + jb) by, and (a - jb) conj(by), which are its real and imaginary
+                // parts where a and b are real.
+                const complex rotated = by.real() * a - by.imag() * b;
+                b = by.real() * b + by.imag() * a;
+                a = rotated;
+            }
+            d_fourier.input()[n] = fc32(a);
+            second[n] = fc32(b);
+        }
+        subtract_transform(row);
+        std::copy(second.begin(), second.end(), d_fourier.input());
+        subtract_transform(row + 1);
     }
-    return tones;
 }
 
-std::vector<complex> spread_lines::removed(const end_fit& fit,
-                                           std::size_t row,
-                                           const group_weights& weights,
-                                           const switching_clock* clocks,
-                                           const switching_pulses* pulses,
-                                           const complex* white)
+void spread_lines::remove(const end_fit& fit,
+                          std::size_t row,
+                          const group_weights& weights,
+                          const switching_clock* clocks,
+                          const switching_pulses* pulses,
+                          const double* switched,
+                          complex* parts)
 {
-    const auto& sizes = fit.sizes;
-    const std::size_t count = sizes.tones, subcarriers = sizes.subcarriers;
-    const double* const mixing = &fit.mixing[row * count * sizes.ends];
-    const double* const solver = &fit.solver[row * sizes.ends * count];
-    const complex* const first = &fit.ends[row * sizes.ends * subcarriers];
-    std::vector<complex> ends(first, first + sizes.ends * subcarriers);
-    const auto courses = weights.courses(
-        clocks, pulses, sizes.ends / 2, mixing, d_sources.size(), d_of.repetitions);
-    for (int round = 1;; round++) {
-        auto parts = tones_of(ends.data(), courses, sizes, weights);
-        for (std::size_t i = 0; i < parts.size(); i++)
-            parts[i] = white[i] - parts[i];
-        if (round == d_of.rounds) {
-            multiply(
-                { mixing, count, sizes.ends }, ends.data(), subcarriers, parts.data());
-            return parts;
-        }
-        multiply({ solver, sizes.ends, count }, parts.data(), subcarriers, ends.data());
+    const std::size_t count = fit.sizes.tones, subcarriers = fit.sizes.subcarriers,
+                      each = fit.sizes.ends;
+    std::vector<double> solver(each * count); // of parts
+    multiply({ &fit.solver[row * solver.size()], each, count },
+             weights.whitener().data(),
+             count,
+             solver.data());
+    std::vector<complex> ends(each * subcarriers),
+        rest(parts, parts + count * subcarriers);
+    for (int round = 0; round < d_of.rounds; round++) {
+        multiply({ solver.data(), each, count }, rest.data(), subcarriers, ends.data());
+        std::copy_n(parts, rest.size(), rest.begin());
+        const auto symbols = received(ends.data(), each);
+        subtract(passed(symbols.data(), each, weights, clocks, pulses, switched),
+                 weights,
+                 rest.data());
     }
+    multiply({ switched, count, each, 2 * each }, ends.data(), subcarriers, rest.data());
+    std::copy(rest.begin(), rest.end(), parts);
 }
 
 } // namespace gr::wiforce::kernel

@@ -41,22 +41,27 @@ public:
     }
     std::size_t subcarriers() const { return d_of.bins.size(); }
 
-    // Whitened parts (M x K) without spread lines, by a fit of group `row` of these tags
-    // at these clocks. `white`: with them.
-    std::vector<complex> removed(const end_fit& fit,
-                                 std::size_t row,
-                                 const group_weights& weights,
-                                 const switching_clock* clocks,
-                                 const switching_pulses* pulses,
-                                 const complex* white);
+    // Removes them from the parts (M x K) of group `row` of a fit of these tags at these
+    // clocks. `switched`: their waveforms in the parts (`group_weights::switched`).
+    void remove(const end_fit& fit,
+                std::size_t row,
+                const group_weights& weights,
+                const switching_clock* clocks,
+                const switching_pulses* pulses,
+                const double* switched,
+                complex* parts);
 
 private:
     std::vector<complex> received(const complex* ends, std::size_t count);
-    void unrotated_to_tones(const group_weights& weights, std::vector<complex>& samples);
-    std::vector<complex> tones_of(const complex* ends,
-                                  const std::vector<double>& courses,
-                                  const end_fit::shape& sizes,
-                                  const group_weights& weights);
+    std::vector<double> passed(const complex* symbols,
+                               std::size_t ends,
+                               const group_weights& weights,
+                               const switching_clock* clocks,
+                               const switching_pulses* pulses,
+                               const double* switched) const;
+    void subtract(const std::vector<double>& samples,
+                  const group_weights& weights,
+                  complex* parts);
 
     const settings d_of;
     // Where the channel of each bin comes from: those below and above it among the used

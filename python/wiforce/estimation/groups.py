@@ -279,7 +279,7 @@ class GroupWeights(group_weights):
     ``line_gain`` (M, 1) is 1 / ``ToneTable.symbol_gain``, ``loss`` N over n, ``times_s`` (n,) are
     times from the group's centre. ``whitener`` (M, M) makes the noise of the tones' parts
     (``signal.weights.parts_of``) white, with the variance of H, ``colorer`` tones of these;
-    ``mixer`` (n, M) leads from snapshots to whitened parts, ``switched`` from clocks.
+    ``mix`` leads from snapshots to whitened parts, ``switched`` from clocks.
     """
 
     def __init__(
@@ -287,8 +287,20 @@ class GroupWeights(group_weights):
     ) -> None:
         pairs = np.repeat(line_gain[len(line_gain) // 2 :], 2, axis=0)
         self.whitener, self.times_s = weights.whitener, weights.times_s
-        self.mixer = (self.whitener @ (pairs * weights.parts)).T
-        super().__init__(self.mixer, self.times_s, self.whitener, loss)
+        self.parts = pairs * weights.parts
+        super().__init__(self.parts.T, self.times_s, self.whitener, loss)
+
+    @cached_property
+    def mixer(self) -> Array:
+        """From snapshots to whitened parts; shape (n, M)."""
+        return np.asarray((self.whitener @ self.parts).T)
+
+    @cached_property
+    def colorer(self) -> Array:
+        """From whitened parts to tones; shape (M, M)."""
+        parts = np.linalg.inv(self.whitener)
+        first, second = parts[::2], 1j * parts[1::2]
+        return np.concatenate([(first - second)[::-1], first + second])
 
     def mix(self, waveforms: Array) -> Array:
         """Whitened parts (..., M, C) of C waveforms (..., n, C) at the snapshots of some groups."""

@@ -35,12 +35,13 @@ end_fit make_end_fit(const array<double>& mixed, const complex_array& tones)
     require_shape(mixed, { groups, count, columns }, rule);
     if (count % 2 || columns % 4)
         throw std::invalid_argument(rule);
-    return end_fit({ std::size_t(groups),
-                     std::size_t(count),
-                     std::size_t(columns / 2),
-                     std::size_t(subcarriers) },
-                   mixed.data(),
-                   tones.data());
+    end_fit fit({ std::size_t(groups),
+                  std::size_t(count),
+                  std::size_t(columns / 2),
+                  std::size_t(subcarriers) },
+                mixed.data());
+    fit.solve(tones.data());
+    return fit;
 }
 
 py::tuple whitened(const array<double>& whitener, const complex_array& tones)
@@ -56,11 +57,12 @@ py::tuple whitened(const array<double>& whitener, const complex_array& tones)
     std::vector<complex> parts(count * subcarriers);
     for (py::ssize_t group = 0; group < groups; group++) {
         parts_of(tones.data(group, 0, 0), count, subcarriers, parts.data());
-        level.mutable_data()[group] = whiten(whitener.data(),
-                                             parts.data(),
-                                             count,
-                                             subcarriers,
-                                             white.mutable_data(group, 0, 0));
+        std::complex<double>* const to = white.mutable_data(group, 0, 0);
+        whiten(whitener.data(), parts.data(), count, subcarriers, to);
+        double power = 0;
+        for (std::size_t i = 0; i < parts.size(); i++)
+            power += std::norm(to[i]);
+        level.mutable_data()[group] = power / std::max<std::size_t>(parts.size(), 1);
     }
     return py::make_tuple(white, level);
 }
@@ -91,10 +93,15 @@ array<double> mix_switching(const group_weights& weights,
     require_shape(pulses, { tags, three }, rule);
     const auto at = structures<switching_clock>(clocks);
     const auto of = structures<switching_pulses>(pulses);
-    array<double> mixed(shape{ groups, py::ssize_t(weights.tones()), 4 * tags });
+    const std::size_t count = weights.tones();
+    array<double> mixed(shape{ groups, py::ssize_t(count), 4 * tags });
     for (py::ssize_t group = 0; group < groups; group++) {
         const auto one = weights.switched(at.data() + group * tags, of.data(), tags);
-        std::copy(one.begin(), one.end(), mixed.mutable_data(group, 0, 0));
+        whiten(weights.whitener().data(),
+               one.data(),
+               count,
+               4 * tags,
+               mixed.mutable_data(group, 0, 0));
     }
     return mixed;
 }
@@ -121,32 +128,36 @@ complex_array without_spread(spread_lines& of,
                              const std::vector<const group_weights*>& weights,
                              const array<double>& clocks,
                              const array<double>& pulses,
-                             const complex_array& white)
+                             const complex_array& tones)
 {
     const char* const rule =
         "spread_lines: weights must have shape (G,), clocks (G, S, 3), pulses (S, 3), "
-        "white (G, M, K), as the fit, and M must be that of the rotation";
+        "tones (G, M, K), as the fit, and M must be that of the rotation";
     const auto& sizes = fit.sizes;
     const py::ssize_t groups = sizes.groups, count = sizes.tones, tags = sizes.ends / 2;
     require_shape(clocks, { groups, tags, 3 }, rule);
     require_shape(pulses, { tags, 3 }, rule);
-    require_shape(white, { groups, count, py::ssize_t(of.subcarriers()) }, rule);
+    require_shape(tones, { groups, count, py::ssize_t(of.subcarriers()) }, rule);
     if (weights.size() != sizes.groups || sizes.subcarriers != of.subcarriers() ||
         (of.tones() && of.tones() != sizes.tones))
         throw std::invalid_argument(rule);
     const auto at = structures<switching_clock>(clocks);
     const auto pulses_of = structures<switching_pulses>(pulses);
     complex_array cleaned(shape{ groups, count, py::ssize_t(of.subcarriers()) });
+    std::vector<complex> parts(sizes.tones * sizes.subcarriers);
     for (py::ssize_t group = 0; group < groups; group++) {
-        if (weights[group]->tones() != sizes.tones)
+        const auto& by = *weights[group];
+        if (by.tones() != sizes.tones)
             throw std::invalid_argument(rule);
-        const auto one = of.removed(fit,
-                                    group,
-                                    *weights[group],
-                                    at.data() + group * tags,
-                                    pulses_of.data(),
-                                    white.data(group, 0, 0));
-        std::copy(one.begin(), one.end(), cleaned.mutable_data(group, 0, 0));
+        const auto* const clock = at.data() + group * tags;
+        const auto switched = by.switched(clock, pulses_of.data(), tags);
+        parts_of(tones.data(group, 0, 0), count, sizes.subcarriers, parts.data());
+        of.remove(fit, group, by, clock, pulses_of.data(), switched.data(), parts.data());
+        whiten(by.whitener().data(),
+               parts.data(),
+               count,
+               sizes.subcarriers,
+               cleaned.mutable_data(group, 0, 0));
     }
     return cleaned;
 }
@@ -351,7 +362,7 @@ infinite where a phase is not determined. gradient, excess: (S,), information: (
     py::class_<group_weights>(
         m,
         "group_weights",
-        R"(mixer: (n, M), of whitened parts. times_s: (n,). whitener: (M, M), lower
+        R"(mixer: (n, M), of parts. times_s: (n,). whitener: (M, M), lower
 triangular, of the parts of tones. loss: snapshots of a group over n.)")
         .def(py::init(&make_group_weights),
              "mixer"_a,
@@ -365,20 +376,7 @@ triangular, of the parts of tones. loss: snapshots of a group over n.)")
             R"(Whitened parts of the tags' switching waveforms, and their derivatives: (G,
 M, 4S). clocks: (G, S, 3), phase in rad and rate in rad/s at the centres, and half the
 phase that a snapshot averages over. pulses: (S, 3), delay of clock 2 in rad of clock 1,
-and both duty cycles.)")
-        .def_property_readonly(
-            "colorer",
-            [](const group_weights& of) {
-                const py::ssize_t tones = of.tones();
-                const auto& real = of.colorer();
-                const std::vector<std::complex<double>> parts(real.begin(), real.end());
-                complex_array colorer(shape{ tones, tones });
-                for (py::ssize_t row = 0; row < tones; row++)
-                    tone_of(
-                        parts.data(), row, tones, tones, colorer.mutable_data(row, 0));
-                return colorer;
-            },
-            "(M, M), makes tones of whitened parts.");
+and both duty cycles.)");
     py::class_<clock_tracker>(
         m, "clock_tracker", "A tag's free-running clock from group to group.")
         .def(py::init<>())
@@ -464,8 +462,8 @@ the symbol. rotation: (M/2, N), of the tones of positive frequency.)")
              "weights"_a,
              "clocks"_a,
              "pulses"_a,
-             "white"_a,
-             "white, whitened parts (G, M, K), without what the ends of the fit spread. "
+             "tones"_a,
+             "Whitened parts of tones (G, M, K) of a fit, without what its tags spread. "
              "clocks, pulses:\nas of group_weights.switched.");
     py::class_<end_separation::tag>(
         m, "locked_tag", "A tag whose clock is tracked; rates in rad/s.")

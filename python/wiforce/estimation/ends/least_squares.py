@@ -185,7 +185,7 @@ class ToneModel:
         fit = self.fit(groups, clocks)
         if self._spread is not None and self.locked:
             weights, switching = groups.weights.tolist(), self._switching(clocks)
-            fit.solve(self._spread.removed(fit, weights, *switching, groups.white))
+            fit.solve(self._spread.removed(fit, weights, *switching, groups.tones))
         self.remove_wander(fit, groups, clocks)
         return fit
 
