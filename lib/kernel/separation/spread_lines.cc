@@ -5,6 +5,7 @@
 #include "matrix_product.h"
 
 #include <algorithm>
+#include <array>
 #include <stdexcept>
 #include <utility>
 
@@ -12,27 +13,43 @@ namespace gr::wiforce::kernel {
 
 namespace {
 
-// Adds to samples (N x M, real and imaginary parts in rows of `width`) those of a symbol
-// (N) as a switch passes it. `course`: of its first sample, less the first step.
+// A symbol that is received through a switch, of which each sample passes as far as it is
+// on.
+struct passing {
+    std::vector<double> course; // M, before the step of the first sample
+    std::vector<double> steps;  // N x M
+    const complex* symbol;      // N
+};
+
+// Adds to samples (N x M, real and imaginary parts in rows of `width`) the symbols that
+// two switches pass.
 WIFORCE_CLONES
-void add_passed(const std::vector<double>& steps,
-                const complex* symbol,
-                std::size_t width,
-                std::vector<double>& course,
-                double* samples)
+void add_passed(std::array<passing, 2>& of, std::size_t width, double* samples)
 {
-    double* const now = course.data();
-    const double* step = steps.data();
-    for (const double* const end = step + steps.size(); step < end; step += width) {
-        const double real = symbol->real(), imag = symbol->imag();
-        symbol++;
+    auto& [first, second] = of;
+    for (std::size_t from = 0; from < first.steps.size(); from += width) {
+        const complex a = *first.symbol++, b = *second.symbol++;
+        const double a_real = a.real(), a_imag = a.imag(), b_real = b.real(),
+                     b_imag = b.imag();
+        double *const now = first.course.data(), *const also = second.course.data();
+        const double *const step = &first.steps[from], *const other = &second.steps[from];
         for (std::size_t tone = 0; tone < width; tone++) {
-            now[tone] += step[tone];
-            samples[tone] += now[tone] * real;
-            samples[width + tone] += now[tone] * imag;
+            const double x = now[tone] + step[tone], y = also[tone] + other[tone];
+            now[tone] = x;
+            also[tone] = y;
+            samples[tone] += x * a_real + y * b_real;
+            samples[width + tone] += x * a_imag + y * b_imag;
         }
         samples += 2 * width;
     }
+}
+
+// sum += factor x row
+WIFORCE_CLONES
+void add_scaled(double factor, const double* row, std::vector<double>& sum)
+{
+    for (double& each : sum)
+        each += factor * *row++;
 }
 
 template <class T>
@@ -103,17 +120,22 @@ std::vector<double> spread_lines::passed(const complex* symbols,
                                          const double* switched) const
 {
     const std::size_t length = d_sources.size(), width = weights.width();
-    std::vector<double> samples(2 * width * length), course(width);
-    for (std::size_t end = 0; end < ends; end++) {
-        const auto steps = weights.steps(
-            clocks[end / 2], pulses[end / 2], end % 2, length, d_of.repetitions);
-        // The mean over the samples is that of the fit.
-        for (std::size_t tone = 0; tone < weights.tones(); tone++)
-            course[tone] = switched[tone * 2 * ends + end];
-        for (std::size_t n = 0; n < length; n++)
-            for (std::size_t tone = 0; tone < width; tone++)
-                course[tone] -= double(length - n) / length * steps[n * width + tone];
-        add_passed(steps, symbols + end * length, width, course, samples.data());
+    std::vector<double> samples(2 * width * length);
+    for (std::size_t tag = 0; tag < ends / 2; tag++) {
+        std::array<passing, 2> both;
+        for (std::size_t i = 0; i < 2; i++) {
+            const std::size_t end = 2 * tag + i;
+            auto& [course, steps, symbol] = both[i];
+            symbol = symbols + end * length;
+            steps = weights.steps(clocks[tag], pulses[tag], i, length, d_of.repetitions);
+            course.resize(width);
+            // The mean over the samples is that of the fit.
+            for (std::size_t tone = 0; tone < weights.tones(); tone++)
+                course[tone] = switched[tone * 2 * ends + end];
+            for (std::size_t n = 0; n < length; n++)
+                add_scaled(double(n) / length - 1, &steps[n * width], course);
+        }
+        add_passed(both, width, samples.data());
     }
     return samples;
 }
