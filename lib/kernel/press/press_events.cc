@@ -49,9 +49,8 @@ void press_filter::turn_slowly(
     next->turn.by_hand = near;
     if (from.is != untouched)
         next->age_s = 0; // as after a change of force, which looks the same at mid-line
-    // What a finger turns says nothing of how often the tag turns.
-    if (how == course::begins && sees_turns(from))
-        (near ? next->turn.hands : next->turn.seen) += 1;
+    if (how == course::begins)
+        count_turn(*next, from);
     const bool begins = how == course::begins || how == course::warms;
     if (begins)
         begin_turn(*next);
@@ -64,6 +63,12 @@ void press_filter::turn_slowly(
     if (how == course::ends)
         next->press.motion.stop(d_elapsed_s);
     give(*next, follow_turn(*next, was));
+}
+
+// What a finger turns says nothing of how often the tag turns.
+void press_filter::count_turn(explanation& to, const explanation& from) const
+{
+    (to.turn.by_hand ? to.turn.hands : to.turn.seen) += sees_turns(from);
 }
 
 void press_filter::begin_turn(explanation& to) const
@@ -278,6 +283,22 @@ void press_filter::change_steadily(const explanation& from,
              : update_strength(*next, likelihood));
 }
 
+void press_filter::turn_and_change(const explanation& from,
+                                   double probability,
+                                   std::size_t speed,
+                                   bool near)
+{
+    if (!may_count(from, std::log(probability) + d_peak))
+        return;
+    auto turning = from;
+    turning.turn.goes_on = true;
+    turning.turn.by_hand = near;
+    turning.turn.velocity = 0;
+    turning.turn.speed = speed;
+    count_turn(turning, from);
+    change_steadily(turning, probability, from.press.slides, from.press.speed);
+}
+
 // While the tag turns and the force changes: both phases are moved by the turn alike, and
 // by the force in the direction of the press. In the middle of the line that is the same;
 // an error of this division lasts for as long as both do.
@@ -316,6 +337,11 @@ void press_filter::turn_unseen(explanation& to, double part) const
     to.line.common.widen(squared(by) / 12 + bends);
     if (!to.press.steady) // else its velocity holds that of the turn
         to.press.motion.turn(part * by);
+    if (to.turn.by_hand) {
+        const double amplitude = part * hand_variance(to.turn.speed);
+        to.line.amplitude.mean_variance += amplitude;
+        to.press.strength.mean_variance += amplitude;
+    }
 }
 
 void press_filter::mix(const explanation& from, double probability, double ends)

@@ -258,13 +258,13 @@ void press_filter::with_courses(const explanation& from,
         other.line.amplitude.mean_variance += amplitude;
         other.press.strength.mean_variance += amplitude;
     };
-    event(from, probability * (1 - turns) * (1 - hands));
+    event(from, probability * (1 - turns - hands));
     course(turns, [&](explanation& other) {
         other.turn.sudden = true;
         widen(other, sudden_turn_variance(), squared(d_set.turn_np));
     });
     for (std::size_t i = 0; i < near_speeds; i++)
-        course((1 - turns) * hands / near_speeds, [&](explanation& other) {
+        course(hands / near_speeds, [&](explanation& other) {
             widen(other, hand_variance(i), hand_variance(i));
         });
 }
@@ -280,8 +280,8 @@ void press_filter::branch_untouched(const explanation& from)
         turn_slowly(from, quiet * goes_on, course::goes_on);
         turn_slowly(from, quiet * (1 - goes_on), course::ends);
     } else {
-        remain_untouched(from, quiet * (1 - turns) * (1 - hands));
-        begin_turning(from, quiet * turns, quiet * (1 - turns) * hands);
+        remain_untouched(from, quiet * (1 - turns - hands));
+        begin_turning(from, quiet);
     }
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained, unexplained);
@@ -319,25 +319,16 @@ void press_filter::branch_touched(const explanation& from)
         turn_slowly(from, quiet * (1 - goes_on), course::ends);
         begin_changing(from, quiet * goes_on * begins);
     } else if (from.press.steady) {
-        change_steadily(
-            from, quiet * goes_on * (1 - turns), from.press.slides, from.press.speed);
-        const double each = quiet * goes_on * turns / turning_speeds;
-        if (may_count(from, std::log(each) + d_peak)) {
-            auto turning = from;
-            turning.turn.goes_on = true;
-            turning.turn.seen += sees_turns(from);
-            turning.turn.by_hand = false;
-            turning.turn.velocity = 0;
-            for (std::size_t i = 0; i < turning_speeds; i++) {
-                turning.turn.speed = i;
-                change_steadily(turning, each, from.press.slides, from.press.speed);
-            }
-        }
+        change_steadily(from,
+                        quiet * goes_on * (1 - turns - hands),
+                        from.press.slides,
+                        from.press.speed);
+        begin_turning(from, quiet * goes_on);
         stop_changing(from, quiet * (1 - goes_on));
     } else {
-        hold(from, quiet * (1 - begins) * (1 - turns) * (1 - hands));
+        hold(from, quiet * (1 - begins) * (1 - turns - hands));
         begin_changing(from, quiet * begins);
-        begin_turning(from, quiet * turns, quiet * (1 - turns) * hands);
+        begin_turning(from, quiet);
     }
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained, unexplained);
@@ -397,13 +388,21 @@ void press_filter::branch_mixed(const explanation& from)
     mix(from, lasts);
 }
 
-void press_filter::begin_turning(const explanation& from, double turns, double hands)
+void press_filter::begin_turning(const explanation& from, double probability)
 {
-    for (std::size_t i = 0; i < turning_speeds; i++) {
-        turn_slowly(from, turns / turning_speeds, course::begins, i, false);
-        if (i < near_speeds)
-            turn_slowly(from, hands / near_speeds, course::begins, i, true);
-    }
+    const double turns = probability * turn_probability(from) / turning_speeds,
+                 hands = probability * hand_probability(from) / near_speeds;
+    const bool changes = from.is != untouched && from.press.steady;
+    for (std::size_t i = 0; i < turning_speeds; i++)
+        for (const bool near : { false, true }) {
+            if (near && i >= near_speeds)
+                continue;
+            const double each = near ? hands : turns;
+            if (changes)
+                turn_and_change(from, each, i, near);
+            else
+                turn_slowly(from, each, course::begins, i, near);
+        }
 }
 
 void press_filter::begin_changing(const explanation& from, double probability)
@@ -432,9 +431,11 @@ double press_filter::turn_probability(const explanation& of) const
     return happens(learned(d_set.turns, of.turn.seen, of.turn.watched_s) / 2);
 }
 
+// Where the tag does not turn by itself.
 double press_filter::hand_probability(const explanation& of) const
 {
-    return happens(learned(d_set.hands, of.turn.hands, of.turn.watched_s));
+    return (1 - turn_probability(of)) *
+           happens(learned(d_set.hands, of.turn.hands, of.turn.watched_s));
 }
 
 double press_filter::move_probability(const explanation& of) const

@@ -79,7 +79,7 @@ private:
     void branch_untouched(const explanation& from);
     void branch_touched(const explanation& from);
     void branch_mixed(const explanation& from);
-    void begin_turning(const explanation& from, double turns, double hands);
+    void begin_turning(const explanation& from, double probability);
     void begin_changing(const explanation& from, double probability);
     template <class Event>
     void with_courses(const explanation& from, double probability, Event&& event) const;
@@ -118,6 +118,11 @@ private:
                      course how,
                      std::size_t speed,
                      bool near);
+    // Begins while a force goes on changing.
+    void turn_and_change(const explanation& from,
+                         double probability,
+                         std::size_t speed,
+                         bool near);
     // Goes on, or ends, as it has begun.
     void turn_slowly(const explanation& from, double probability, course how)
     {
@@ -127,6 +132,7 @@ private:
 
     void move_cable(explanation& to, both_amplitudes& own) const;
     void begin_turn(explanation& to) const;
+    void count_turn(explanation& to, const explanation& from) const;
     double follow_turn(explanation& to, const pair_of_ends& was) const;
     void part_turn(explanation& to,
                    const pair_of_ends& was,

@@ -438,12 +438,9 @@ press_filter::outcome press_filter::describe(const explanation& of) const
 {
     const auto common = of.line.common.estimate(), apart = of.line.difference.estimate();
     // The slowest may be a finger that warms the line: the deviation of the force holds
-    // it. That a turn goes on says little while its speed may be zero (two deviations);
-    // what a hand near an untouched sensor turns is no motion of the tag.
-    const bool moves = of.is != untouched ||
-                       (!of.turn.by_hand &&
-                        squared(of.turn.velocity) > 4 * of.press.motion.variances()[2]);
-    const bool turns = of.turn.goes_on && moves && (of.turn.by_hand || of.turn.speed > 0);
+    // it. What turns an untouched sensor steadily is followed.
+    const bool turns =
+        of.turn.goes_on && of.is != untouched && (of.turn.by_hand || of.turn.speed > 0);
     return { 0,
              0,
              of.is,
