@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace gr::wiforce::kernel {
 
@@ -35,43 +36,61 @@ receiver_steps::change receiver_steps::next(const group& of)
     for (std::size_t end = 0; end < of.ends; end++)
         if (!of.locked[end / 2])
             ratios[end] = std::numeric_limits<double>::quiet_NaN();
-    double power = 0;
-    for (std::size_t k = 0; k < of.subcarriers; k++)
-        power += std::norm(of.static_path[k]);
-    if (d_static.empty()) {
-        d_static.assign(of.static_path, of.static_path + of.subcarriers);
-        d_ratios = ratios;
-        d_power = power;
-    }
-    complex product;
-    for (std::size_t k = 0; k < of.subcarriers; k++)
-        product += of.static_path[k] * std::conj(d_static[k]);
+    if (d_static.path.empty())
+        d_static = d_before = path_of(of);
+    auto now = path_of(of);
+    const auto common = now.over(d_static), lasting = now.over(d_before);
+    const double before = std::exchange(d_before, now).power;
     // Presses change the tag's own part of the static path; unseen, to the opposite.
+    if (d_ratios.empty())
+        d_ratios = ratios;
     double tag = 0;
     for (std::size_t end = 0; end < of.ends; end++) {
         const double changed = std::norm(ratios[end] - d_ratios[end]);
         tag += (std::isfinite(changed) ? changed : opposite) * of.reference_power[end];
     }
     tag *= duty * duty * double(of.subcarriers);
-    const complex factor = product / d_power;
-    const double turn = std::arg(factor), gain = std::log(std::abs(factor));
-    // A path of another shape, as with another timing, says nothing of a common factor.
-    const double own = (power + tag) / d_power - std::norm(factor);
-    if (power != 0) {
-        d_static.assign(of.static_path, of.static_path + of.subcarriers);
+    // What is left of this path, over the part that is the former one.
+    const double part = std::norm(common) * d_static.power;
+    const double own = (now.power + tag) / part - 1;
+    const bool same = part > now.power / 2,
+               lasts = std::norm(lasting) * before > now.power / 2;
+    if (same || lasts) {
+        d_static = std::move(now);
         d_ratios = std::move(ratios);
-        d_power = power;
     }
-    if (!std::isfinite(turn + gain + own))
+    if (!std::isfinite(own))
         return none();
+    const double least_own = std::max(own, least);
+    // Noise, where nothing is sent, and a path of another shape, as with another timing,
+    // say nothing of a common factor.
+    if (!same)
+        return { 0.0, 0.0, least_own };
+    const double turn = std::arg(common), gain = std::log(std::abs(common));
     // What the group itself explains says nothing of the groups that follow.
     const double square = std::max((turn * turn + gain * gain) / 2 - own, 0.0);
     if (std::isnan(d_variance))
-        d_variance = std::max(own, least);
-    const double variance = std::max({ d_variance, own, least });
+        d_variance = least_own;
+    const double variance = std::max(d_variance, least_own);
     const double limit = most * std::max(d_variance, least);
     d_variance += d_share * (std::min(square, limit) - d_variance);
     return { turn, gain, variance };
+}
+
+receiver_steps::static_path receiver_steps::path_of(const group& of)
+{
+    static_path found{ { of.static_path, of.static_path + of.subcarriers } };
+    for (const auto& each : found.path)
+        found.power += std::norm(each);
+    return found;
+}
+
+complex receiver_steps::static_path::over(const static_path& other) const
+{
+    complex product;
+    for (std::size_t k = 0; k < path.size(); k++)
+        product += path[k] * std::conj(other.path[k]);
+    return product / other.power;
 }
 
 } // namespace gr::wiforce::kernel

@@ -37,9 +37,21 @@ public:
     static change none();
 
 private:
+    struct static_path {
+        std::vector<complex> path; // K
+        double power = 0;          // of all
+
+        complex over(const static_path& other) const; // by least squares
+    };
+    static static_path path_of(const group& of);
+
     const double d_share;
-    std::vector<complex> d_static, d_ratios; // of the last group that was received
-    double d_power = 0, d_variance;          // of a turn and a gain
+    // Of the last group that was received: of which half or more is that of the one
+    // before, or of the last that was.
+    static_path d_static;
+    std::vector<complex> d_ratios;
+    static_path d_before; // of the last group
+    double d_variance;    // of a turn and a gain
 };
 
 } // namespace gr::wiforce::kernel
