@@ -55,6 +55,13 @@ def test_clock_is_found_within_two_percent(clock_hz, offset_ppm):
     assert found == pytest.approx(clock_hz * (1 + offset_ppm * 1e-6), rel=5e-5)
 
 
+def test_stronger_line_of_another_tag_is_not_taken_for_a_harmonic():
+    """Its clock was found 0.15 % off, and none of its readings could be used."""
+    tags = [{"clock_hz": 1035.0}, {"clock_hz": 691.0}]  # line 2 of one beside line 3 of the other
+    found = surveyed(tags, [TagClock(1035.0, 100.0), TagClock(691.0, 100.0)])
+    np.testing.assert_allclose(found, [1035.0, 691.0], rtol=1e-5)
+
+
 @pytest.mark.parametrize("offset_ppm", [-15_000.0, 12_000.0])
 @pytest.mark.parametrize(
     "strangers, lamps_db",

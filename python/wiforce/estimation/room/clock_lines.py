@@ -120,9 +120,10 @@ def _line_near(frequency_hz: Array, spectrum: Array, clock: TagClock) -> ClockLi
         if m * error_hz > step_hz or around + 3 >= len(spectrum):
             break
         best = around - 2 + int(np.argmax(spectrum[around - 2 : around + 3]))
-        if spectrum[best] > _STANDS_OUT:
-            found = (best + vertex(spectrum, best)[0]) * step_hz / m
-            error_hz = _VERTEX_BINS * step_hz / m
+        finer = (best + vertex(spectrum, best)[0]) * step_hz / m
+        # A stronger line of another tag may lie beside this one's.
+        if spectrum[best] > _STANDS_OUT and abs(finer - found) <= error_hz + step_hz / m / 2:
+            found, error_hz = finer, _VERTEX_BINS * step_hz / m
     return ClockLine(found, min(tolerance_hz, error_hz), peak)
 
 
