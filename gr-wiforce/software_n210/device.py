@@ -10,6 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 
 from gnuradio.wiforce.errors import InputError
 
@@ -118,20 +119,16 @@ class Throttle:
         return covered if waited > _TX_PAUSE_S else start
 
 
-def _switch_off(hardware, sensor):
-    hardware.air.sensor(sensor).on = False
-
-
-def _switch_on(hardware, sensor):
-    hardware.air.sensor(sensor).on = True
+def _switch(on, hardware, sensor):
+    hardware.air.sensor(sensor).on = on
 
 
 # The argument of each kind, and what it does to the hardware.
 _KINDS = {
     "overflow": ("samples", lambda hardware, samples: hardware.receive.overflow(samples)),
     "lose": ("packets", lambda hardware, packets: hardware.receive.packets.lose(packets)),
-    "off": ("sensor", _switch_off),
-    "on": ("sensor", _switch_on),
+    "off": ("sensor", partial(_switch, False)),
+    "on": ("sensor", partial(_switch, True)),
 }
 _MOST = 1e9
 GRAMMAR = "; ".join(f"{kind} {argument}" for kind, (argument, _) in _KINDS.items())
@@ -144,11 +141,6 @@ class Fault:
     time: int
     kind: str
     argument: int | str
-
-    def check(self, air):
-        """Raise an InputError when it names a sensor that is not on the air."""
-        if isinstance(self.argument, str):
-            air.sensor(self.argument)
 
     def apply(self, hardware):
         """Let it happen now."""
@@ -229,7 +221,8 @@ class Device:
 
     def add_fault(self, fault: Fault) -> None:
         """Schedule one more fault."""
-        fault.check(self.air)
+        if isinstance(fault.argument, str):
+            self.air.sensor(fault.argument)  # refuses one that is not on the air
         self._faults.append(fault)
 
     def stop(self) -> None:

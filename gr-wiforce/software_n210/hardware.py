@@ -190,7 +190,7 @@ _NO_GPSDO = 0x1234ABCD
 class Control:
     """Answers requests on the control port; ``on_close`` when the host releases its lock."""
 
-    def __init__(self, registers, bus, on_close=lambda: None):
+    def __init__(self, registers, bus, on_close):
         self._registers = registers
         self._bus = bus
         self._on_close = on_close
@@ -198,7 +198,7 @@ class Control:
         self._handlers = {
             "a": lambda body, _: bytes(24),  # a hello
             "l": self._echo,
-            "i": self._i2c_read,
+            "i": lambda body, _: body[:2] + self._bus.read(*body[:2]),
             "h": self._i2c_write,
             "s": lambda body, _: body,
             "r": self._register,
@@ -227,10 +227,6 @@ class Control:
         if max(wanted, len(request)) > _MAX_FRAME:
             return None
         return struct.pack(">I", len(request)).ljust(max(wanted - 12, 24), b"\0")
-
-    def _i2c_read(self, body, _):
-        address, count = body[0], body[1]
-        return bytes([address, count]) + self._bus.read(address, count)
 
     def _i2c_write(self, body, _):
         address, count = body[0], min(body[1], 20)
@@ -324,7 +320,7 @@ _IDLE_STEP_TICKS = 10_000_000
 class Hardware:
     """Registers, streams and air of one device, at an ``address`` that its EEPROM states."""
 
-    def __init__(self, air, address, tx_socket_bytes=None, on_close=lambda: None):
+    def __init__(self, air, address, tx_socket_bytes, on_close):
         self.air = air
         self.clock = DeviceClock()
         self.transmit = TransmitChain(self.clock, air, tx_socket_bytes)
@@ -346,17 +342,12 @@ class Hardware:
     @property
     def streaming(self):
         """Whether a stream runs or is queued in either direction."""
-        return self.transmit.busy or self.receiving
-
-    @property
-    def receiving(self):
-        """Whether a received stream runs or is queued."""
-        return self.receive.waiting
+        return self.transmit.busy or self.receive.waiting
 
     @property
     def longest_step(self):
         """Ticks that one step may take, so that its packets fit the host's socket."""
-        busy = [self.receive] * self.receiving + [self.transmit] * self.transmit.busy
+        busy = [self.receive] * self.receive.waiting + [self.transmit] * self.transmit.busy
         spacings = [chain.dsp.ticks_per_sample for chain in busy]
         return min((_STEP_SAMPLES * spacing for spacing in spacings), default=_IDLE_STEP_TICKS)
 

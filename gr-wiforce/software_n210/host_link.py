@@ -26,6 +26,7 @@ _MAX_BYTES = 65_000
 _SO_RCVBUFFORCE = 33
 _RECEIVE_BUFFER = 8 << 20
 _MAX_DATAGRAM = 65_536
+_MOST_AT_ONCE = 4096
 
 
 def check_loopback(address):
@@ -68,17 +69,15 @@ class Sockets:
         """Pairs of port and socket."""
         return self._sockets.items()
 
-    def drain(self, port, limit=4096):
+    def drain(self, port):
         """All datagrams that are queued at a port, as (bytes, peer)."""
         receive = self._sockets[port].recvfrom
         received = []
         try:
-            while len(received) < limit:
+            while len(received) < _MOST_AT_ONCE:
                 received.append(receive(_MAX_DATAGRAM))
-        except BlockingIOError:
-            pass
-        except ConnectionError:
-            pass  # the peer has closed its socket
+        except (BlockingIOError, ConnectionError):
+            pass  # no more, or the peer has closed its socket
         return received
 
     def send(self, port, datagram, peer):

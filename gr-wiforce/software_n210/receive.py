@@ -90,7 +90,7 @@ class PacketStream:
         numbers = np.arange(packets)
         times = self._clock.to_time(tick) + numbers * size * self._spacing
         block = np.empty((packets, size + RX_OVERHEAD_WORDS), ">u4")
-        block[:, 0] = rx_header(0, size) | ((self._packet_count + numbers) & 15) << 16
+        block[:, 0] = rx_header(self._packet_count + numbers, size)
         block[:, 1] = self._stream_id
         block[:, 2] = times >> 32
         block[:, 3] = times & 0xFFFFFFFF

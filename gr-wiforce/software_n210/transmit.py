@@ -65,7 +65,7 @@ _REPORTS_PER_FIFO = 8
 class FlowControl:
     """Reports events and acknowledges packets, as many as the host's window fits the socket."""
 
-    def __init__(self, clock, socket_bytes=None):
+    def __init__(self, clock, socket_bytes):
         self.stream_id = 2
         self._clock = clock
         self._socket_bytes = socket_bytes
@@ -110,19 +110,16 @@ class FlowControl:
     def _fit_window_to_socket(self):
         """Acknowledge fewer packets, so that the host's window fits the socket."""
         self._withheld = 0
-        if self._socket_bytes is None or not self._packets_per_update:
+        if not self._packets_per_update:
             return
         window = _REPORTS_PER_FIFO * self._packets_per_update
-        room = self._socket_bytes // _kernel_bytes(_FIFO_BYTES // window)
+        # A datagram takes a power of two of the socket's buffer, and its bookkeeping.
+        taken = (1 << (_FIFO_BYTES // window + 511).bit_length()) + 512
+        room = self._socket_bytes // taken
         if room < window:
             self._withheld = window - max(room, 2)
             self._packets_per_update = min(self._packets_per_update, max(room // 2, 1))
             self.report(TX_FLOW, self._clock.ticks)
-
-
-def _kernel_bytes(datagram_bytes):
-    """Bytes of a socket's buffer that a datagram takes: a power of two, and its bookkeeping."""
-    return (1 << (datagram_bytes + 511).bit_length()) + 512
 
 
 _MAX_QUEUE = 4096
@@ -131,7 +128,7 @@ _MAX_QUEUE = 4096
 class TransmitChain:
     """The transmit DSP with its stream, which ``air`` takes as complex64 at full scale 1.0."""
 
-    def __init__(self, clock, air, socket_bytes=None):
+    def __init__(self, clock, air, socket_bytes):
         self.dsp = DspRegisters(cic_power=3)
         self.underflows = 0
         self.late_packets = 0
