@@ -50,13 +50,10 @@ def fading(rng, subcarrier_hz, coherence_hz):
         return np.full(len(subcarrier_hz), np.exp(2j * np.pi * rng.random()))
     spread_s = 1 / (2 * np.pi * coherence_hz)
     delays = np.arange(0, 8 * spread_s, _DELAY_SPACING_S)
-    taps = _complex_normal(rng, len(delays)) * np.exp(-delays / spread_s / 2)
+    taps = rng.standard_normal(len(delays)) + 1j * rng.standard_normal(len(delays))
+    taps *= np.exp(-delays / spread_s / 2)
     channel = np.exp(-2j * np.pi * np.outer(subcarrier_hz, delays)) @ taps
     return channel / np.sqrt(np.mean(np.abs(channel) ** 2))
-
-
-def _complex_normal(rng, shape):
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
 
 
 class Air:

@@ -28,6 +28,7 @@ from gnuradio.wiforce.simulation.simulator import simulate
 from ..shell.log import progress
 from ..shell.options import FiniteRange
 from ..shell.tables import Column, echo, table
+from .live import RUN
 
 # Clocks of up to eight tags, none of whose lines lies near one of another's.
 _CLOCKS_HZ = (1000.0, 1400.0, 1790.0, 820.0, 1180.0, 1610.0, 1930.0, 1100.0)
@@ -171,8 +172,8 @@ def _time_command(capture, scene):
     """Wall and processor time of ``gr-wiforce read``."""
     path = capture.with_name("scene.yaml")
     path.write_text(yaml.safe_dump(scene), encoding="utf-8")
-    command = [sys.executable, "-c", "from wiforce_app.main import run; raise SystemExit(run())"]
-    command += ["read", str(capture), "--scene", str(path), "-o", str(capture) + ".csv"]
+    command = [sys.executable, "-c", RUN, "read", str(capture), "--scene", str(path)]
+    command += ["-o", str(capture) + ".csv"]
     # Users have the compiled files of a start before.
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -65,13 +65,10 @@ def largest_amplitude(frame: Array) -> float:
 
 def symbol_length_of(waveform: WaveformOrScene, symbol_length: int = 0) -> int:
     """Samples of the symbol of a waveform or a scene: the length of folded vectors."""
-    if isinstance(waveform, Waveform):
-        return waveform.symbol_length
-    if isinstance(waveform, Scene):
-        return waveform.waveform().symbol_length
     name = str(waveform)
-    if name in WAVEFORMS or name.lower().endswith(".npy"):
-        return frames_of(name, _LONGEST_PREAMBLE, 1.0, symbol_length).symbol_length
+    stated = isinstance(waveform, Waveform | Scene) or name in WAVEFORMS
+    if stated or name.lower().endswith(".npy"):
+        return frames_of(waveform, _LONGEST_PREAMBLE, 1.0, symbol_length).symbol_length
     return load_scene(name).waveform().symbol_length
 
 

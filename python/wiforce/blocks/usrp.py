@@ -22,6 +22,7 @@ from ..wiforce_kernels import exit_on_terminate
 from .argument_types import Kept, typed
 from .frame_alignment import frame_alignment
 from .sounding import frame_samples
+from .stream_watch import time_value
 
 # From the first call of the transmitter to the start of both directions: a host fills the buffers
 # of a device in a tenth of it.
@@ -328,9 +329,7 @@ class timed_frames(Kept, gr.sync_block):
             )
 
     def _tag(self, item: int) -> None:
-        full, part = self._time_of(item)
-        time = pmt.make_tuple(pmt.from_uint64(full), pmt.from_double(part))
-        self.add_item_tag(0, item, pmt.intern("tx_time"), time)
+        self.add_item_tag(0, item, pmt.intern("tx_time"), time_value(*self._time_of(item)))
 
     def _time_of(self, item: int) -> DeviceTime:
         assert self._first is not None

@@ -240,10 +240,6 @@ class SessionPlan:
             for force in (self.force_n if sweep % 2 else self.force_n[::-1])
         ]
 
-    def nearest_force(self, force_n: float) -> float:
-        """The planned force that a measured one counts for, by their ratio."""
-        return min(self.force_n, key=lambda planned: abs(np.log(planned / force_n)))
-
 
 @dataclass
 class CalibrationSession:
@@ -284,9 +280,11 @@ class CalibrationSession:
         return next((target for target in self.plan.targets() if target not in done), None)
 
     def _taken(self) -> set[Target]:
+        """The planned measurements that were taken, by the nearest force as a ratio."""
+        forces = self.plan.force_n
         return {
-            Target(press.location_mm, press.sweep, self.plan.nearest_force(press.force_n))
-            for press in self.presses
+            Target(p.location_mm, p.sweep, min(forces, key=lambda f: abs(np.log(f / p.force_n))))
+            for p in self.presses
         }
 
     def skip(self, target: Target) -> None:

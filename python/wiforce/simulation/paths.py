@@ -23,10 +23,10 @@ STATIC_ECHOES = 8
 MOVING_PATHS = 4
 
 
-def delay_taps(delay: float, count: int) -> np.ndarray:
-    """Taps of a Kaiser-windowed sinc (beta = 5), for a delay of count / 2 - 1 or more."""
-    n = np.arange(int(delay) - count // 2 + 1, int(delay) + count // 2 + 1)
-    u = (n - delay) / (count / 2)
+def delay_taps(delay: float) -> np.ndarray:
+    """Taps of a Kaiser-windowed sinc (beta = 5) over four samples, for a delay of 1 or more."""
+    n = int(delay) + np.arange(-1, 3)
+    u = (n - delay) / 2
     window = np.i0(5.0 * np.sqrt(np.maximum(1 - u**2, 0))) / np.i0(5.0)
     taps = np.zeros(n[-1] + 1)
     taps[n] = np.sinc(n - delay) * window
@@ -35,7 +35,7 @@ def delay_taps(delay: float, count: int) -> np.ndarray:
 
 def random_taps(rng: np.random.Generator) -> np.ndarray:
     """FIR taps of a path with a random delay, as that of anything that reflects in a room."""
-    return delay_taps(rng.uniform(BASE_DELAY + 0.5, LAST_DELAY), 4)
+    return delay_taps(rng.uniform(BASE_DELAY + 0.5, LAST_DELAY))
 
 
 def response(taps: np.ndarray, waveform: Waveform) -> np.ndarray:
@@ -56,7 +56,7 @@ def static_taps(rng: np.random.Generator, sample_rate_hz: float) -> np.ndarray:
     levels = np.r_[1.0, 0.2 * rng.rayleigh(0.7, STATIC_ECHOES)]
     taps = np.zeros(LAST_DELAY + 3, complex)
     for delay, level in zip(delays, levels, strict=True):
-        path = delay_taps(delay, 4)
+        path = delay_taps(delay)
         taps[: len(path)] += level * np.exp(2j * np.pi * rng.random()) * path
     return np.trim_zeros(taps, "b")
 
@@ -242,7 +242,7 @@ class Person:
     def paths(self) -> "list[tuple[np.ndarray, float, Callable]]":
         """Taps, amplitude and gain, a function of time, of each of :data:`LIMBS`."""
         return [
-            (delay_taps(delay, 4), float(np.sqrt(power)), partial(self._gain, swing, phase, start))
+            (delay_taps(delay), float(np.sqrt(power)), partial(self._gain, swing, phase, start))
             for (power, swing, phase), (delay, start) in zip(LIMBS, self._limbs, strict=True)
         ]
 
@@ -303,7 +303,7 @@ class NearHand:
         self._wavelength_mm = 1e3 * SPEED_OF_LIGHT_M_S / scene.radio.center_frequency_hz
         self._start, self._sway = rng.random(2)
         delay = stated.delay_s * scene.radio.sample_rate_hz
-        self.taps = delay_taps(BASE_DELAY + delay, 4)
+        self.taps = delay_taps(BASE_DELAY + delay)
 
     def gain(self, time_s: np.ndarray) -> np.ndarray:
         """The path's gain relative to that with the hand on the sensor."""
@@ -325,7 +325,7 @@ class UnlistedTag:
         delay = BASE_DELAY + stated.delay_s * self._rate
         self.taps = np.r_[np.zeros(BASE_DELAY), 1.0]
         if stated.delay_s:
-            self.taps = delay_taps(delay, 4)
+            self.taps = delay_taps(delay)
 
     def reflection(self, first: int, count: int) -> np.ndarray:
         """Reflection r / rho during ``count`` samples."""
