@@ -11,6 +11,7 @@ from numbers import Complex, Integral, Real
 from typing import Any, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
+import pmt
 from gnuradio import gr
 
 from ..errors import InputError
@@ -114,6 +115,11 @@ class Kept:
         # The C++ part of a hierarchical block, and that of another one.
         own = self.__dict__
         return kept_with(own["_impl"] if "_impl" in own else own["gateway"], self)
+
+    def take_messages(self: Any, port: str, handler: Callable[[Any], None]) -> None:
+        """Let a method, which GNU Radio finds by its name, take what comes to an input port."""
+        self.message_port_register_in(pmt.intern(port))
+        self.set_msg_handler(pmt.intern(port), handler)
 
     # GNU Radio calls both in the block's thread.
 

@@ -199,8 +199,7 @@ class end_separation(GroupBlock):
         outputs = 2 * len(plan.clocks) * self._width
         self._input = ToneInput(plan, derotated)
         GroupBlock.__init__(self, "end_separation", self._input.rows * self._width, outputs)
-        self.message_port_register_in(pmt.intern(names.INCOMPLETE))
-        self.set_msg_handler(pmt.intern(names.INCOMPLETE), self._on_incomplete)
+        self.take_messages(names.INCOMPLETE, self._on_incomplete)
 
     def _on_incomplete(self, message: Any) -> None:
         try:
@@ -256,10 +255,8 @@ class conjugate_difference(GroupBlock):
         GroupBlock.__init__(
             self, "conjugate_difference", self._ends * self._width, self._ends * self._width
         )
-        self.message_port_register_in(pmt.intern(names.TARE))
-        self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
+        self.take_messages(names.TARE, self._on_tare)
 
-    # GNU Radio finds a handler by its name: a lambda has none that it knows.
     def _on_tare(self, message: Any) -> None:
         self.stage.tare()
 
@@ -437,8 +434,7 @@ class readings_to_floats(Kept, gr.sync_block):
         self._waiting: deque[list[float]] = deque(maxlen=_MOST_WAITING)
         self.set_output_multiple(repeat)
         self._repeat = repeat
-        self.message_port_register_in(pmt.intern(names.READINGS))
-        self.set_msg_handler(pmt.intern(names.READINGS), self._on_reading)
+        self.take_messages(names.READINGS, self._on_reading)
 
     def work(self, input_items: list[Array], output_items: list[Array]) -> int:
         if not self._waiting:

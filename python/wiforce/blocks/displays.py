@@ -233,13 +233,10 @@ class force_display(Kept, gr.basic_block):
     ) -> None:
         gr.basic_block.__init__(self, "force_display", in_sig=None, out_sig=None)
         self.widget = ForceDisplay(length_mm, force_span_n, history_s, strips_y_mm=strips_y_mm)
-        self.message_port_register_in(pmt.intern(names.READINGS))
-        self.message_port_register_in(pmt.intern(names.TARE_STATE))
-        self.message_port_register_in(pmt.intern(names.WARNINGS))
+        self.take_messages(names.READINGS, self._on_reading)
+        self.take_messages(names.TARE_STATE, self._on_tare_state)
+        self.take_messages(names.WARNINGS, self._on_warning)
         self.message_port_register_out(pmt.intern(names.TARE))
-        self.set_msg_handler(pmt.intern(names.WARNINGS), self._on_warning)
-        self.set_msg_handler(pmt.intern(names.TARE_STATE), self._on_tare_state)
-        self.set_msg_handler(pmt.intern(names.READINGS), self._on_reading)
         self.widget.tare_requested.connect(self._on_tare)
 
     def start(self) -> bool:

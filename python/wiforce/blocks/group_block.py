@@ -116,7 +116,10 @@ class GroupBlock(Kept, gr.basic_block):
         gr.basic_block.__init__(self, name, in_sig=[(np.complex64, inputs)], out_sig=out_sig)
         self.set_tag_propagation_policy(gr.TPP_DONT)
         if outputs:
-            self.set_max_output_buffer(_buffered_groups(self.output_signature()))
+            # A short buffer of whole pages: tags of all items that it holds are kept.
+            size = self.output_signature().sizeof_stream_item(0)
+            in_pages = math.lcm(size, _PAGE_BYTES) // size
+            self.set_max_output_buffer(in_pages * math.ceil(_LEAST_GROUPS / in_pages))
         self._ready: deque[tuple[Groups, Array]] = deque()
         self.failure: Exception | None = None
         self._sends, self._flushed = bool(outputs), False
@@ -234,13 +237,6 @@ class SnapshotSink(GroupBlock):
             return _DONE
         self.gateway.consume(0, count)
         return 0
-
-
-def _buffered_groups(signature: Any) -> int:
-    """Length of a short buffer of whole pages: tags of all items that it holds are kept."""
-    size = signature.sizeof_stream_item(0)
-    in_pages = math.lcm(size, _PAGE_BYTES) // size
-    return in_pages * math.ceil(_LEAST_GROUPS / in_pages)
 
 
 def groups_of(tags: Tags) -> Groups:

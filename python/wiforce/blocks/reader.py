@@ -56,9 +56,8 @@ class group_reader(ReadingPort, SnapshotSink):
         self._asked: dict[int, Callable[[TareState], None]] = {}
         self._waiting: list[Callable[[TareState], None]] = []
         self.stream.tares.on_state = self._on_tare_state
-        self.message_port_register_in(pmt.intern(names.TARE))
+        self.take_messages(names.TARE, self._on_tare)
         self.message_port_register_out(pmt.intern(names.TARE_STATE))
-        self.set_msg_handler(pmt.intern(names.TARE), self._on_tare)
         self.message_port_register_out(pmt.intern(names.WARNINGS))
 
     def read(self, groups: list[SnapshotGroup]) -> None:
@@ -113,7 +112,9 @@ class group_reader(ReadingPort, SnapshotSink):
 
     def _on_tare(self, message: Any) -> None:
         try:
-            self._take(_request_in(message))
+            # Anything else than a dict requests a tare as well.
+            values = pmt.to_python(message) if pmt.is_dict(message) else None
+            self._take(values if isinstance(values, dict) else {})
         except Exception as error:
             self.fail(error)
 
@@ -138,12 +139,6 @@ class group_reader(ReadingPort, SnapshotSink):
             waiting, self._waiting = self._waiting, []
             for done in waiting:
                 done(state)
-
-
-def _request_in(message: Any) -> dict[str, Any]:
-    """Keys of a message; empty for anything else than a dict, which requests a tare as well."""
-    values = pmt.to_python(message) if pmt.is_dict(message) else None
-    return values if isinstance(values, dict) else {}
 
 
 # Groups that the receiver may leave waiting, in seconds of signal.
