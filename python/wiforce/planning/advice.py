@@ -10,7 +10,7 @@ from ..calibration.validation import verdict
 from ..errors import InputError
 from ..scene import Scene, accepted_suspicions
 from ..sensor.curves import CurveModel
-from ..signal.carrier import BANDS, bands_holding, occupied_band_hz
+from ..signal.carrier import BANDS, occupied_band_hz
 from ..signal.lines import STRONG_LINES, lamp_distances_hz
 from .clocks import (
     FARTHER,
@@ -46,7 +46,8 @@ def licence_note(scene: Scene) -> str | None:
     low_hz, high_hz = occupied_band_hz(scene.radio.center_frequency_hz, scene.waveform())
     if scene.packets is not None:  # who sends the packets is licensed, or needs no licence
         return None
-    if scene.environment.band is not None or bands_holding(low_hz, high_hz):
+    free = any(band.holds(low_hz, high_hz) for band in BANDS.values())
+    if scene.environment.band is not None or free:
         return None
     return (
         f"the signal occupies {low_hz / 1e6:.6g} to {high_hz / 1e6:.6g} MHz, which is inside none "

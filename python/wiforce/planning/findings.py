@@ -264,12 +264,6 @@ class _Report:
         return texts
 
 
-def findings_text(found: Sequence[Finding]) -> list[str]:
-    """Findings as lines, one each."""
-    lines = [f"{finding.line} ({finding.meaning})" for finding in found]
-    return lines or ["found nothing besides the tags of the scene"]
-
-
 def changes_of(plan: Plan, adapted: Plan) -> tuple[list[str], list[str]]:
     """What a room changes in a plan, and what it does not need."""
     changes = []

@@ -53,7 +53,8 @@ def _snapshot_steps(plan: Plan) -> Iterator[Step]:
     skipped = waveform.frame_length - folded
     reason = f"{skipped} of {waveform.frame_length} samples are not averaged"
     yield Step("guard and first repetition", False, reason, 2 * skipped * rate)
-    estimator = _estimator_operations(plan)
+    tones = len(plan.table.tones)
+    estimator = (_transform_operations(length) + 12 * length) * tones / plan.group_period_s
     each = (_transform_operations(length) + 6 * length) * rate
     reason = "fold, tones and channel estimate are linear and commute: the FFT runs per tone and "
     yield Step("channel per snapshot", False, reason + "group", each - estimator)
@@ -102,11 +103,6 @@ def _rate(plan: Plan) -> float:
 
 def _clutter_order(plan: Plan) -> int:
     return clutter_order(plan.group_length, plan.waveform.snapshot_period_s, plan.clutter_hz)
-
-
-def _estimator_operations(plan: Plan) -> float:
-    tones, length = len(plan.table.tones), plan.waveform.symbol_length
-    return (_transform_operations(length) + 12 * length) * tones / plan.group_period_s
 
 
 def _transform_operations(length: int) -> float:

@@ -24,7 +24,6 @@ from ..planning.findings import (
     MeasuredTag,
     changes_of,
     findings,
-    findings_text,
     level_reference,
     measure_tags,
 )
@@ -295,6 +294,7 @@ class RoomSurvey:
 
     def __str__(self) -> str:
         report = self.report()
+        found = [f"{finding.line} ({finding.meaning})" for finding in self.findings]
         return "\n".join(
             [
                 f"{report['seconds']:.2f} s of untouched reference; levels in dB relative to "
@@ -303,7 +303,7 @@ class RoomSurvey:
                 f"static channel      {report['static_db']:.1f} dB",
                 *(f"{tag.name + ' ':<20}{tag}" for tag in self.tags),
                 "",
-                *findings_text(self.findings),
+                *(found or ["found nothing besides the tags of the scene"]),
                 "",
                 *(f"needed: {change}" for change in report["changes"]),
                 *(f"skipped: {skipped}" for skipped in report["skipped"]),

@@ -213,10 +213,6 @@ class Receiver:
         """Number of groups in which the clocks are acquired, before the first reading."""
         return self.separation.acquisition_groups
 
-    def begin_reference_at(self, group: int) -> None:
-        """Measure the reference from a group on instead of 0; before the first batch."""
-        self.reference.begin_at(group)
-
     @property
     def state(self) -> str:
         """What the receiver is doing: ``acquiring``, ``reference`` or ``reading``."""

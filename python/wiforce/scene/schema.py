@@ -7,7 +7,6 @@ What a simulation adds is declared in :mod:`.simulated`. Rules that involve seve
 
 import dataclasses
 import os
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -305,15 +304,10 @@ class Environment:
 _VNA_RESIDUAL = 0.01
 
 
-def vna_std(off_reflection: Iterable[complex]) -> float:
-    """Standard deviation of both parts of off states that are measured with a VNA."""
-    magnitude = max(map(abs, off_reflection))
-    return _VNA_RESIDUAL * (1 + magnitude + magnitude**2)
-
-
 def _off_reflection_std(scope: Scope) -> float:
-    one, other = off = scope["off_reflection"]
-    return 0.0 if one == other else vna_std(off)
+    one, other = scope["off_reflection"]
+    magnitude = max(abs(one), abs(other))
+    return 0.0 if one == other else _VNA_RESIDUAL * (1 + magnitude + magnitude**2)
 
 
 # Of an RC oscillator, in ppm.

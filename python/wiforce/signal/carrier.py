@@ -59,8 +59,3 @@ def occupied_band_hz(carrier_hz: float, waveform: Waveform) -> tuple[float, floa
     """Lowest and highest frequency that a signal occupies, by its outermost subcarriers."""
     edges = waveform.outermost_hz
     return carrier_hz + edges[0], carrier_hz + edges[1]
-
-
-def bands_holding(low_hz: float, high_hz: float) -> tuple[str, ...]:
-    """Names of the known bands (:data:`BANDS`) that hold a signal of these frequencies."""
-    return tuple(name for name, band in BANDS.items() if band.holds(low_hz, high_hz))

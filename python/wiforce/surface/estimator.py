@@ -464,7 +464,8 @@ class SurfaceEstimator:
             if not all((touched & side).any() for side in sides):
                 continue
             alone = [evidence.of_touched(side, np.zeros(1)) for side in sides]
-            others = [self._borne(self._posterior.roughly(part)) for part in alone[::-1]]
+            presses = [self._posterior.roughly(part).mean[0] for part in alone[::-1]]
+            others = [force * self.skin.shares(y) for force, _, y in presses]  # what strips bear
             if any(
                 (other > _CROSS * self.skin.onset_force_n)[touched & side].any()
                 for other, side in zip(others, sides, strict=True)
@@ -480,12 +481,6 @@ class SurfaceEstimator:
             if best is None or misfit < best[0]:
                 best = misfit, parts
         return None if best is None else [self._posterior(part) for part in best[1]]
-
-    def _borne(self, press: SurfacePress) -> Array:
-        """Force of a press on each strip."""
-        force, _, y = press.mean[0]
-        borne: Array = force * self.skin.shares(y)
-        return borne
 
     def _places(self, presses: list[Array]) -> tuple[int, ...]:
         """Which of the rows each press goes on in: that of the nearest press of the last group."""
