@@ -32,13 +32,7 @@ public:
     {
         auto* out = static_cast<kernel::fc32*>(output_items[0]);
         int produced = 0;
-        while (produced < noutput_items) {
-            if (d_reader.rest().count == 0) {
-                const std::uint64_t ready = d_frames.ready();
-                if (ready == 0)
-                    break;
-                d_reader.begin(d_frames.take(ready));
-            }
+        while (produced < noutput_items && d_reader.fill()) {
             const std::uint64_t first = d_reader.rest().frame;
             for (; d_slips < d_frames.misplaced().size(); d_slips++) {
                 const auto& misplaced = d_frames.misplaced()[d_slips];
@@ -46,10 +40,7 @@ public:
                                "resynchronised",
                                d_frames.lost()[d_slips],
                                misplaced.second);
-                add_item_tag(0,
-                             nitems_written(0) + produced,
-                             keys::slipped,
-                             slip_value(misplaced));
+                tag(produced, keys::slipped, slip_value(misplaced));
             }
             d_noise.resize(noutput_items - produced);
             const int count = d_reader.fold(noutput_items - produced,
@@ -57,14 +48,11 @@ public:
                                             d_noise.data());
             if (count == 0)
                 continue;
-            add_item_tag(0,
-                         nitems_written(0) + produced,
-                         keys::noise,
-                         noise_value(d_noise.data(), count));
+            tag(produced, keys::noise, noise_value(d_noise.data(), count));
             if (d_expected != first)
-                tag(produced, keys::snapshot, first);
+                tag(produced, keys::snapshot, pmt::from_uint64(first));
             for (const int frame : d_reader.saturated())
-                tag(produced + frame, keys::saturated, 1);
+                tag(produced + frame, keys::saturated, pmt::from_uint64(1));
             produced += count;
             d_expected = first + count;
         }
@@ -76,9 +64,9 @@ public:
     std::uint64_t samples_missing() const override { return d_frames.samples_missing(); }
 
 private:
-    void tag(int item, const pmt::pmt_t& key, std::uint64_t value)
+    void tag(int item, const pmt::pmt_t& key, const pmt::pmt_t& value)
     {
-        add_item_tag(0, nitems_written(0) + item, key, pmt::from_uint64(value));
+        add_item_tag(0, nitems_written(0) + item, key, value);
     }
 
     kernel::recorded_frames d_frames;

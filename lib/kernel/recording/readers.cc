@@ -38,13 +38,7 @@ folded_reader::batch folded_reader::read(std::size_t max_frames)
     const std::lock_guard<std::mutex> one_at_a_time(d_mutex);
     batch frames;
     const std::size_t length = d_frames->symbol_length();
-    while (frames.snapshot.size() < max_frames) {
-        if (d_reader.rest().count == 0) {
-            const std::uint64_t ready = d_frames->ready();
-            if (ready == 0)
-                break;
-            d_reader.begin(d_frames->take(ready));
-        }
+    while (frames.snapshot.size() < max_frames && d_reader.fill()) {
         const std::size_t before = frames.snapshot.size();
         const std::uint64_t first = d_reader.rest().frame;
         const std::size_t most =

@@ -323,6 +323,14 @@ frame_reader::frame_reader(recorded_frames& frames)
 {
 }
 
+bool frame_reader::fill()
+{
+    if (d_run.count == 0)
+        if (const std::uint64_t ready = d_frames.ready())
+            d_run = d_frames.take(ready);
+    return d_run.count > 0;
+}
+
 std::uint64_t frame_reader::fold(std::uint64_t most, fc32* folded, snapshot_noise* noise)
 {
     std::uint64_t count = std::min({ most, d_run.count, d_at_once });

@@ -226,6 +226,8 @@ public:
     explicit frame_reader(recorded_frames& frames);
 
     void begin(const frame_run& run) { d_run = run; }
+    // Begins with all that are ready when a run is folded; false at the end.
+    bool fill();
     // The frames of the run that are not folded yet.
     const frame_run& rest() const { return d_run; }
     // Folds the next ones; returns how many. 0 at the end of the run, which is where the
