@@ -12,12 +12,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.frame import measure_levels, whole_frames
 from gnuradio.wiforce.estimation.capture.recorded_frames import first_frame
 from gnuradio.wiforce.estimation.groups import Groups
-from gnuradio.wiforce.estimation.packets.antenna_states import (
-    FOREIGN,
-    LEAST_STEP,
-    TAG_STEP,
-    find_states,
-)
+from gnuradio.wiforce.estimation.packets.antenna_states import LEAST_STEP, TAG_STEP, find_states
 from gnuradio.wiforce.estimation.packets.packet_channels import AntennaCombination
 from gnuradio.wiforce.estimation.packets.packet_survey import (
     TagLines,
@@ -341,20 +336,15 @@ def carrier_text(file):
 
 def level_lines(levels):
     """The fields of :class:`Levels` as labels and texts."""
-    noise = levels["noise_dbfs"]
+    noise, density = levels["noise_dbfs"], levels["phase_noise_dbc_hz"]
+    phase = "is hidden by other noise" if density is None else f"{density:.0f} dBc/Hz"
     return [
         ("peak", f"{levels['peak_dbfs']:.1f} dBFS, {100 * levels['clipped']:.3g} % clipped"),
         ("preamble", f"{levels['preamble_dbfs']:.1f} dBFS"),
         ("noise", "unknown" if noise is None else f"{noise:.1f} dBFS"),
         ("DC offset", f"{levels['dc_dbfs']:.1f} dBFS"),
-        ("phase", _phase_noise(levels["phase_noise_dbc_hz"])),
+        ("phase", f"noise of the synthesizers {phase}"),
     ]
-
-
-def _phase_noise(density_dbc_hz):
-    if density_dbc_hz is None:
-        return "noise of the synthesizers is hidden by other noise"
-    return f"noise of the synthesizers {density_dbc_hz:.0f} dBc/Hz"
 
 
 # Length of a reading that errors are stated for.
@@ -410,7 +400,7 @@ def check_snapshots(recording, kind):
         # What was found is what is left of the tag.
         tag = replace(tag, line_db=tag.line_db - single.kept_db, snr_db=tag.snr_db - single.kept_db)
     answer["tag"] = None if tag is None else _tag(tag, recording, answer)
-    answer["notes"] = list(_notes(recording, states))
+    answer["notes"] = [*recording.notes, *states.notes]
     answer["advice"] = list(_snapshot_advice(answer)) or [
         "none: read it with a scene (docs/wifi.md)"
     ]
@@ -471,12 +461,6 @@ def _one_antenna(single, free, timing):
     far = TagLines(0.0, _FAR_TAG_DB, snr_db, 0.0)
     error = far.phase_std_deg(_packets_of_a_reading(timing), free.shape[1])
     return {"kept_db": single.kept_db, "tag_db": _FAR_TAG_DB, "phase_error_deg": error}
-
-
-def _notes(recording, states):
-    yield from recording.notes
-    if states.foreign:
-        yield f"left out {states.foreign} x {FOREIGN}"
 
 
 def _snapshot_advice(found):

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError
 from ..estimation.ends.separation import EndSeparator
 from ..estimation.groups import Array, Groups
-from ..estimation.packets.antenna_states import FOREIGN, LEAST_STEP, AntennaStates
+from ..estimation.packets.antenna_states import LEAST_STEP, AntennaStates
 from ..estimation.packets.packet_channels import (
     AntennaCombination,
     DividedPackets,
@@ -240,8 +240,7 @@ class SnapshotReader(CaptureReader):
         if found[0].solved.snr and found[0].combination.shared.shape[1]:
             found.append(settle(True))
         now = max(found, key=lambda each: (bool(each.solved.snr), each.settled, -each.uncertain))
-        if now.states.foreign:
-            self.notes.append(f"left out {now.states.foreign} x {FOREIGN}")
+        self.notes += now.states.notes
         if (kept_db := now.combination.kept_db) < 0:
             self.notes.append(
                 f"one antenna leaves {kept_db:.1f} dB of the tags beside the phases of the "

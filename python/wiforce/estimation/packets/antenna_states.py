@@ -29,11 +29,6 @@ _STATE, _PART, _OTHER = range(3)
 # 0.12 when the phase between its antennas flips; packets of another sender, whose paths are
 # others, differ by 0.3 to 1.
 _SAME_PATHS = 0.25
-# What packets are that have a label of -1.
-FOREIGN = (
-    "packet whose antennas differ from those of the others by more than gain and phase, as from "
-    "another sender"
-)
 # Largest share of a lasting change of the receiver that differs from subcarrier to subcarrier.
 OWN_SHARE = 0.1
 # Directions in which states are looked for, and packets that these are computed from.
@@ -60,9 +55,11 @@ class AntennaStates:
         return int(self.label.max(initial=-1)) + 1
 
     @property
-    def foreign(self) -> int:
-        """Number of packets of other paths."""
-        return int(np.count_nonzero(self.label < 0))
+    def notes(self) -> list[str]:
+        """That packets are of other paths, a sentence; none without such."""
+        foreign = int(np.count_nonzero(self.label < 0))
+        why = "differ from those of the others by more than gain and phase, as from another sender"
+        return [f"left out {foreign} x packet whose antennas {why}"] if foreign else []
 
 
 def find_states(channel: Array, subcarrier_hz: Array, step: float) -> AntennaStates:
@@ -124,9 +121,7 @@ def find_states_beside_tags(
 def _against_strongest(channel: Array) -> tuple[int, Array]:
     """The strongest antenna, and what the others receive against it (n, K (A - 1))."""
     reference = int(np.argmax(np.median(np.sum(np.abs(channel) ** 2, axis=1), axis=0)))
-    others = np.delete(np.arange(channel.shape[2]), reference)
-    against = against_reference(channel, reference)[:, :, others]
-    return reference, against.reshape(len(channel), -1)
+    return reference, others_against(channel, reference)
 
 
 def _means_and_labels(
@@ -154,6 +149,20 @@ def against_reference(channel: Array, reference: int) -> Array:
     power = np.mean(np.abs(first) ** 2, axis=1)
     weight = first.conj() / np.maximum(power, 1e-30)[:, None]
     return np.asarray(channel * weight[:, :, None])
+
+
+def others_against(channel: Array, reference: int) -> Array:
+    """:func:`against_reference` of all antennas but the reference, (n, K (A - 1))."""
+    others = np.delete(np.arange(channel.shape[2]), reference)
+    return against_reference(channel, reference)[:, :, others].reshape(len(channel), -1)
+
+
+def neighbours(subcarrier_hz: Array) -> tuple[Array, Array, float]:
+    """Order (K,) of subcarriers, which of the rising ones have a next one beside, and its step."""
+    order = np.argsort(subcarrier_hz)
+    steps = np.diff(subcarrier_hz[order])
+    step_hz = float(np.min(steps))
+    return order, np.flatnonzero(steps < 1.01 * step_hz), step_hz
 
 
 def _shape(against: Array) -> Array:

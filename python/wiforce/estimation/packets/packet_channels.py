@@ -19,6 +19,7 @@ from .antenna_states import (
     against_reference,
     find_states,
     find_states_beside_tags,
+    neighbours,
 )
 
 # Largest part of what a packet holds along the static paths that a tag is.
@@ -179,12 +180,9 @@ class AntennaCombination:
         direct = np.einsum("nka,ka->nk", scaled, along.conj())
         level = np.sqrt(np.median(np.abs(direct) ** 2, axis=0))
         level /= np.sqrt(np.mean(level**2))
-        self._order = np.argsort(subcarrier_hz)
         hertz = subcarrier_hz - np.mean(subcarrier_hz)
-        self._hertz, self._level = hertz, level
-        steps = np.diff(hertz[self._order])
-        self._step_hz = float(np.min(steps))
-        self._beside = steps < 1.01 * self._step_hz
+        self._hertz = hertz
+        self._order, self._beside, self._step_hz = neighbours(hertz)
         # Start from the packet whose gain is the median one.
         middle = int(np.argsort(power.mean(axis=(1, 2)))[len(power) // 2])
         static = level * _turn(direct[middle] if former is None else former._profile)
@@ -278,14 +276,12 @@ def _turn(values: Array) -> Array:
 def _one_antenna(static: Array, hertz: Array) -> tuple[float, float]:
     """What static paths (K,) hide of a path of any delay: see :attr:`AntennaCombination.hidden`."""
     power = np.abs(static) ** 2
-    order = np.argsort(hertz)
-    order = order[power[order] > _EMPTY * power.mean()]
-    static, hertz = static[order], hertz[order]
+    used = power > _EMPTY * power.mean()
+    order, beside, step_hz = neighbours(hertz[used])
+    static, hertz = static[used][order], hertz[used][order]
     # Delays count from the mean one of the static paths.
-    steps = np.diff(hertz)
-    beside = steps < 1.01 * steps.min()
     products = (static[1:] * static[:-1].conj())[beside]
-    delay = np.angle(products.sum()) / steps.min()
+    delay = np.angle(products.sum()) / step_hz
     static = static * np.exp(-1j * delay * hertz)
     power = np.abs(static) ** 2
     alike = 1 / (1 + (2 * np.pi * _DELAYS_S * np.subtract.outer(hertz, hertz)) ** 2)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...signal.switching import harmonics
 from ..groups import Array
-from .antenna_states import AntennaStates, against_reference
+from .antenna_states import AntennaStates, neighbours, others_against
 
 # Clocks that are looked for (docs/wifi.md recommends 50 to 200 Hz), and lines of each that are
 # looked at.
@@ -52,9 +52,7 @@ def snapshot_snr_db(channel: Array, subcarrier_hz: Array) -> list[float]:
     By the smaller eigenvalues of products of neighbouring subcarriers, in which phase and delay of
     a packet are one phase; an SNR s leaves s^2 / (2 s + 1) of them.
     """
-    order = np.argsort(subcarrier_hz)
-    steps = np.diff(subcarrier_hz[order])
-    beside = np.flatnonzero(steps < 1.01 * steps.min())
+    order, beside, _ = neighbours(subcarrier_hz)
     found = []
     for own in np.moveaxis(channel.astype(complex)[:, order], 2, 0):
         products = own[:, beside + 1] * own[:, beside].conj()
@@ -131,8 +129,7 @@ def _relative(channel: Array, states: AntennaStates, label: Array) -> Array:
     """What a tag changes, in units of the static paths; shape (n, channels)."""
     if channel.shape[2] == 1:
         return np.asarray(channel[:, :, 0])
-    others = np.delete(np.arange(channel.shape[2]), states.reference)
-    against = against_reference(channel, states.reference)[:, :, others].reshape(len(channel), -1)
+    against = others_against(channel, states.reference)
     for state in np.unique(label):
         rows = label == state
         mean = against[rows].mean(axis=0)
