@@ -76,12 +76,6 @@ def forces_and_phases(press):
     return first.force_n, np.column_stack([first.phase_deg, second.phase_deg])
 
 
-def bench_model(table):
-    """The model of VNA data, whose curves have the form that these choose."""
-    name = f"paper-{table.frequency_hz[0] / 1e6:g}mhz"
-    return calibrate(table, name, 80.0, "auto-beyond", ONSET_FORCE_N, location_steps="given")
-
-
 def score_presses(presses):
     """Every model and method on every reading of the presses, as a DataFrame in columns of `-o`.
 
@@ -92,7 +86,10 @@ def score_presses(presses):
     frames = []
     with progress("evaluating", 2 * len(FREQUENCIES_HZ) * len(LEARNT_FROM)) as step:
         for frequency in FREQUENCIES_HZ:
-            bench = bench_model(read_vna_csv(FOLDER / "vna.csv", frequency))
+            table = read_vna_csv(FOLDER / "vna.csv", frequency)
+            settings = 80.0, "auto-beyond", ONSET_FORCE_N  # the data choose the form of the curves
+            name = f"paper-{frequency / 1e6:g}mhz"
+            bench = calibrate(table, name, *settings, location_steps="given")
             own = [press for press in presses if press.frequency_hz[0] == frequency]
             for (trial, learnt_from), refined in product(LEARNT_FROM.items(), (False, True)):
                 other = [press for press in own if press.press[0] == learnt_from]

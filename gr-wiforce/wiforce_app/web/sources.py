@@ -118,11 +118,6 @@ class PageState:
         self._newest.clear()
         self._arrived.clear()
 
-    def ages(self) -> dict[str, float]:
-        """Seconds since the latest reading of each sensor has arrived."""
-        now = time.monotonic()
-        return {name: round(now - arrived, 3) for name, arrived in self._arrived.items()}
-
     def show(self, status: Mapping[str, Any]) -> None:
         """Take the status of the source."""
         self._status = dict(status)
@@ -135,7 +130,9 @@ class PageState:
         rows = list(islice(self._rows, 0 if restart else count - kept, None))
         message: dict[str, Any] = {"restart": restart, "rows": rows}
         if status:
-            message["status"] = {**self._status, "run": self._run, "ages": self.ages()}
+            now = time.monotonic()
+            ages = {name: round(now - arrived, 3) for name, arrived in self._arrived.items()}
+            message["status"] = {**self._status, "run": self._run, "ages": ages}
         return json.dumps(message, separators=(",", ":"), allow_nan=False)
 
 

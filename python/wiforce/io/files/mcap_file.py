@@ -66,6 +66,7 @@ def mcap_rows(path: str | Path) -> Iterator[dict[str, Any]]:
 
 
 def _row(message: Any) -> dict[str, Any]:
+    stamp = message.header.stamp
     numbers = {name: getattr(message, name) for name in NUMBERS_OF_READING}
     # Not every reading has the y of a surface, and the time of a device.
     row: dict[str, Any] = {
@@ -79,12 +80,8 @@ def _row(message: Any) -> dict[str, Any]:
         "flags": " ".join(message.flags),
         "group": None if message.group < 0 else message.group,
         "run": message.run,
-        "time_utc": written_utc(_utc_s(message.header.stamp)),
+        "time_utc": written_utc(stamp.sec + stamp.nanosec / 1e9 if stamp.sec else None),
     }
-
-
-def _utc_s(stamp: Any) -> float | None:
-    return stamp.sec + stamp.nanosec / 1e9 if stamp.sec else None
 
 
 # A chunk is written when it holds so much. At 28 readings/s a sensor fills one in a second: what a
