@@ -3,7 +3,6 @@
 
 from collections.abc import Iterator
 from itertools import combinations, product
-from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
@@ -154,8 +153,7 @@ def simulation_warnings(scene: Scene) -> list[str]:
 
 
 def _same_model(scene: Scene, one: str, other: str) -> bool:
-    folder = scene.path.parent if scene.path else Path()
-    return one == other or (folder / one).resolve() == (folder / other).resolve()
+    return one == other or (scene.folder / one).resolve() == (scene.folder / other).resolve()
 
 
 def _models(scene: Scene) -> Iterator[Violation]:
@@ -170,7 +168,7 @@ def _models(scene: Scene) -> Iterator[Violation]:
     models = {}
     for name, key in keys.items():
         try:
-            model = load_sensor(name, scene.path.parent if scene.path else None)
+            model = load_sensor(name, scene.folder)
         except InputError as error:
             yield key, str(error).removeprefix("sensor: ")
             return

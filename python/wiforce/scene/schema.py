@@ -408,16 +408,20 @@ class Scene:
         return self.sounding.waveform_at(self.radio.sample_rate_hz)
 
     @property
+    def folder(self) -> Path:
+        """Folder that the paths in the scene start from."""
+        return self.path.parent if self.path else Path()
+
+    @property
     def files(self) -> tuple[Path, ...]:
         """The scene's file and those of the sensors that it names by path."""
-        folder = self.path.parent if self.path else Path()
         models = [sensor.model for sensor in self.sensors]
         models += [tag.truth_model for tag in self.simulation.tags]
         if self.surface is not None and self.surface.spreading_file is not None:
             models.append(self.surface.spreading_file)
         if self.sounding.waveform.lower().endswith(".npy"):
             models.append(self.sounding.waveform)
-        paths = [folder / model for model in models if _is_file_name(model)]
+        paths = [self.folder / model for model in models if _is_file_name(model)]
         return tuple(dict.fromkeys([*([self.path] if self.path else []), *paths]))
 
     @property
@@ -471,20 +475,17 @@ class Scene:
         """Load a shipped model, or one relative to the scene file, at the scene's carrier."""
         from ..sensor import load_sensor
 
-        folder = self.path.parent if self.path else None
-        return load_sensor(name, folder, self.radio.center_frequency_hz)
+        return load_sensor(name, self.folder, self.radio.center_frequency_hz)
 
     def as_dict(self, beside: Path | None = None) -> dict[str, Any]:
         """The scene with all defaults as plain values; sensor files as named ``beside`` a file."""
         return plain(Scene, self if beside is None else self._read_from(beside.parent))
 
     def _read_from(self, folder: Path) -> "Scene":
-        own = self.path.parent if self.path else Path()
-
         def named(name: str) -> str:
             if not _is_file_name(name) or os.path.isabs(name):
                 return name
-            return os.path.relpath(own / name, folder)
+            return os.path.relpath(self.folder / name, folder)
 
         replace = dataclasses.replace
         surface, simulation = self.surface, self.simulation

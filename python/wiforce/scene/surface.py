@@ -83,8 +83,7 @@ def skin_of(scene: "Scene") -> Skin | None:
     bare = bare_skin(scene)
     if bare is None or scene.surface is None or not scene.surface.known:
         return None
-    law = scene.surface.law(scene.path.parent if scene.path else Path())
-    return replace(bare, spreading=law)
+    return replace(bare, spreading=scene.surface.law(scene.folder))
 
 
 def bare_skin(scene: "Scene") -> Skin | None:
@@ -134,7 +133,7 @@ def surface_violations(scene: "Scene") -> Iterator[tuple[str, str, Any] | tuple[
             yield f"surface.strips[{j}].y_mm", rule, second.y_mm
     if surface.spreading is not None and surface.spreading_file is not None:
         yield "surface.spreading_file", "must be left out where surface.spreading is given"
-    folder = scene.path.parent if scene.path else Path()
+    folder = scene.folder
     try:
         law = surface.law(folder) if surface.known else None
     except InputError as error:

@@ -162,13 +162,14 @@ class RandomWalk:
         steps = self._rng.standard_normal(-(-missing // _DRAWN) * _DRAWN) * self._step
         walk = self._last + np.cumsum(steps)
         self._last = float(walk[-1])
-        new = np.r_[self._values[-1], _reflected(walk, self._limit)]
+        new = np.r_[self._values[-1], reflected(walk, self._limit)]
         areas = np.cumsum((new[1:] + new[:-1]) / 2) * self._spacing_s
         self._integrals = np.r_[self._integrals, self._integrals[-1] + areas]
         self._values = np.r_[self._values, new[1:]]
 
 
-def _reflected(walk: np.ndarray, limit: float) -> np.ndarray:
+def reflected(walk: np.ndarray, limit: float) -> np.ndarray:
+    """A course of any shape, folded into +-``limit``."""
     if not np.isfinite(limit):
         return walk
     folded = (walk + limit) % (4 * limit)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .presses import pressed_sensor
-from .random_sources import Ramp, RandomSources, RandomWalk, Seeds
+from .random_sources import Ramp, RandomSources, RandomWalk, Seeds, reflected
 
 if TYPE_CHECKING:
     from ..scene import Scene
@@ -99,8 +99,7 @@ class SwitchingClock:
     def _offset_at(self, elapsed: np.ndarray) -> np.ndarray:
         if self._drift == 0 or self._limit == 0:
             return np.full_like(elapsed, self._offset)
-        wander = (self._offset + self._drift * elapsed + self._limit) % (4 * self._limit)
-        return np.where(wander < 2 * self._limit, wander - self._limit, 3 * self._limit - wander)
+        return reflected(self._offset + self._drift * elapsed, self._limit)
 
     def _gained_s(self, elapsed: np.ndarray) -> np.ndarray:
         if self._drift == 0 or self._limit == 0:
