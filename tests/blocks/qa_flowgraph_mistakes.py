@@ -93,58 +93,44 @@ def test_flowgraph_without_a_mistake_says_nothing(codes):
     assert said_of(codes) == said_of(as_floats(codes)) == said_before(codes) == []
 
 
+# What is said of samples, or of settings that contradict them.
 MISTAKES = {
-    "type": (lambda codes: said_of(codes.ravel().view("<c8")), "integers have that are read as"),
-    "level": (lambda codes: said_of(10 * as_floats(codes)), "1; lower the level"),
-    "byte order": (lambda codes: said_of(codes.byteswap()), "and the type of the samples"),
-    "swapped": (lambda codes: said_of(codes[:, ::-1].copy()), "I and Q are swapped"),
-    "nan": (lambda codes: said_of(np.nan * as_floats(codes)), "NaN or infinite"),
-    "rate": (
-        lambda codes: said_of(resampled(as_floats(codes[: 10 * GROUP]), 0.8)),
-        "frame length and sample rate",
+    "integers have that are read as": lambda codes: codes.ravel().view("<c8"),
+    "1; lower the level": lambda codes: 10 * as_floats(codes),
+    "and the type of the samples": lambda codes: codes.byteswap(),
+    "I and Q are swapped": lambda codes: codes[:, ::-1].copy(),
+    "NaN or infinite": lambda codes: np.nan * as_floats(codes),
+    "frame length and sample rate": lambda codes: resampled(as_floats(codes[: 10 * GROUP]), 0.8),
+    "only noise or another signal": lambda codes: noise(codes[: 10 * GROUP]),
+    "arm: it may have been touched while its reference was measured": (
+        lambda codes: codes[10_000 * FRAME :]
     ),
-    "clock": (
-        lambda codes: said_of(
-            codes, {**SCENE, "sensors": [{**SCENE["sensors"][0], "clock_hz": 1250}]}
-        ),
-        "a tag is found at 1000 Hz, 0.8 times the clock_hz of arm; check clock_hz",
-    ),
-    "frame length": (
-        lambda codes: said_of(
-            codes, {**SCENE, "sounding": {"frame_length": 320, "repetitions": 3}}
-        ),
-        "not those of the scene (waveform 'repeated', 320 samples",
-    ),
-    "noise": (lambda codes: said_of(noise(codes[: 10 * GROUP])), "only noise or another signal"),
-    "untouched start": (
-        lambda codes: said_of(codes[10_000 * FRAME :]),
-        "arm: it may have been touched while its reference was measured",
-    ),
-    "clipping": (
-        lambda codes: said_of(clipped(codes)),
-        "the receiver is saturated",
-    ),
-    "end": (lambda codes: said_of(codes[: 3 * GROUP]), "within the untouched reference of 0.288 s"),
-    "early end": (
-        lambda codes: said_of(codes[:1000]),
-        "without a whole phase group of 36 ms behind frame_offset",
-    ),
-    "carrier": (
-        lambda codes: said_of(codes, tags=[tag_at(0, "rx_freq", pmt.from_double(2.4e9))]),
-        "a carrier of 2400 MHz, and the scene of 900 MHz",
-    ),
-    "stated rate": (
-        lambda codes: said_of(codes, tags=[tag_at(0, "rx_rate", pmt.from_double(6e6))]),
-        "a sample rate of 6 MHz, and the scene of 6.25 MHz",
-    ),
+    "the receiver is saturated": clipped,
+    "within the untouched reference of 0.288 s": lambda codes: codes[: 3 * GROUP],
+    "without a whole phase group of 36 ms behind frame_offset": lambda codes: codes[:1000],
+}
+SLOWER = [{**SCENE["sensors"][0], "clock_hz": 1250}]
+WRONG_SETTINGS = {
+    "a tag is found at 1000 Hz, 0.8 times the clock_hz of arm; check clock_hz": {
+        "scene": {**SCENE, "sensors": SLOWER}
+    },
+    "not those of the scene (waveform 'repeated', 320 samples": {
+        "scene": {**SCENE, "sounding": {"frame_length": 320, "repetitions": 3}}
+    },
+    "a carrier of 2400 MHz, and the scene of 900 MHz": {
+        "tags": [tag_at(0, "rx_freq", pmt.from_double(2.4e9))]
+    },
+    "a sample rate of 6 MHz, and the scene of 6.25 MHz": {
+        "tags": [tag_at(0, "rx_rate", pmt.from_double(6e6))]
+    },
 }
 
 
-@pytest.mark.parametrize("mistake", MISTAKES)
-def test_reader_names_the_cause_of_a_mistake_in_one_sentence(codes, mistake):
+@pytest.mark.parametrize("cause", [*MISTAKES, *WRONG_SETTINGS])
+def test_reader_names_the_cause_of_a_mistake_in_one_sentence(codes, cause):
     """An int16 file that was opened as floats gave no reading and no message."""
-    say, cause = MISTAKES[mistake]
-    (sentence,) = say(codes)
+    samples = MISTAKES.get(cause, np.array)(codes)
+    (sentence,) = said_of(samples, **WRONG_SETTINGS.get(cause, {}))
     assert sentence.startswith("reader: ") and cause in sentence
 
 

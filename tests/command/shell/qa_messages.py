@@ -13,72 +13,53 @@ from gnuradio.wiforce.io import optional
 from wiforce_app.main import main
 
 HEADER = "freq_mhz,location_mm,port,force_n,phase_deg\n"
-CALIBRATE = ["calibrate", "file.csv", "-o", "s.yaml"]
+CALIBRATE = "calibrate file.csv -o s.yaml"
+PHASES = "phase1_deg,phase2_deg,"
+# What is said of a file that holds this, by this command.
+MISTAKES = {
+    "is not a capture: there is no file.csv.sigmf-meta; for raw samples, give their type": (
+        ("1,2\n", "read file.csv")
+    ),
+    "is a file of a capture; a scene is a": (HEADER, "simulate press.sigmf-meta x"),
+    "shipped scene (did you mean 'tabletop'? gr-wiforce list": (HEADER, "plan tabeltop"),
+    "columns must be separated by commas, got ';'": (HEADER.replace(",", ";"), CALIBRATE),
+    "with a decimal point, got '2,5'": (HEADER + '900,20,1,"2,5",5\n', CALIBRATE),
+    "--frequency-hz: is missing: file.csv does not state its carrier; give it, as 915e6\n": (
+        (PHASES + "force_n,location_mm\n1,2,3,4\n", f"{CALIBRATE} --kind taps")
+    ),
+    "row 2: freq_mhz: must be 1 to 100000 MHz (not in Hz or GHz), got 0.9": (
+        (HEADER + "0.9,,1,0,30\n0.9,20,1,2,30\n", CALIBRATE)
+    ),
+    "folder: is a folder; name a file of the capture in it": (HEADER, "check folder"),
+    "--length-mm: must be a number above 0 and at most": (
+        (HEADER + "900,20,1,2,5\n", f"{CALIBRATE} --length-mm -5")
+    ),
+    "'': sensor file must end in .yaml": (HEADER, "calibrate file.csv -o "),
+    "file.csv: location_mm: must lie from 9 to 71 mm, got 500.0": (
+        (PHASES + "location_mm\n10,20,500\n", "invert file.csv --sensor line-900mhz")
+    ),
+    "force_n, phase_deg (missing: force_n), got 'freq_mhz,location_mm,port,force,": (
+        (HEADER.replace("force_n", "force") + "900,20,1,2,30\n", CALIBRATE)
+    ),
+    "force_n, phase_deg (or give --frequency-hz), got 'location_mm,": (
+        (HEADER.replace("freq_mhz,", "") + "20,1,2,30\n", CALIBRATE)
+    ),
+    "file.csv: is a sensor model; a scene lists its sensors": (
+        ("kind: line\nname: arm\n", "plan file.csv")
+    ),
+    "line 2, column 1: a tab, but YAML is indented with": (
+        ("radio:\n\tcenter_frequency_hz: 900e6\n", "plan file.csv")
+    ),
+}
 
 
-@pytest.mark.parametrize(
-    "content, arguments, message",
-    [
-        (
-            "1,2\n",
-            ["read", "file.csv"],
-            "is not a capture: there is no file.csv.sigmf-meta; for raw samples, give their type",
-        ),
-        (HEADER, ["simulate", "press.sigmf-meta", "x"], "is a file of a capture; a scene is a"),
-        (HEADER, ["plan", "tabeltop"], "shipped scene (did you mean 'tabletop'? gr-wiforce list"),
-        (HEADER.replace(",", ";"), CALIBRATE, "columns must be separated by commas, got ';'"),
-        (HEADER + '900,20,1,"2,5",5\n', CALIBRATE, "with a decimal point, got '2,5'"),
-        (
-            "phase1_deg,phase2_deg,force_n,location_mm\n1,2,3,4\n",
-            [*CALIBRATE, "--kind", "taps"],
-            "--frequency-hz: is missing: file.csv does not state its carrier; give it, as 915e6\n",
-        ),
-        (
-            HEADER + "0.9,,1,0,30\n0.9,20,1,2,30\n",
-            CALIBRATE,
-            "row 2: freq_mhz: must be 1 to 100000 MHz (not in Hz or GHz), got 0.9",
-        ),
-        (HEADER, ["check", "folder"], "folder: is a folder; name a file of the capture in it"),
-        (
-            HEADER + "900,20,1,2,5\n",
-            [*CALIBRATE, "--length-mm", "-5"],
-            "--length-mm: must be a number above 0 and at most",
-        ),
-        (HEADER, ["calibrate", "file.csv", "-o", ""], "'': sensor file must end in .yaml"),
-        (
-            "phase1_deg,phase2_deg,location_mm\n10,20,500\n",
-            ["invert", "file.csv", "--sensor", "line-900mhz"],
-            "file.csv: location_mm: must lie from 9 to 71 mm, got 500.0",
-        ),
-        (
-            HEADER.replace("force_n", "force") + "900,20,1,2,30\n",
-            CALIBRATE,
-            "force_n, phase_deg (missing: force_n), got 'freq_mhz,location_mm,port,force,",
-        ),
-        (
-            HEADER.replace("freq_mhz,", "") + "20,1,2,30\n",
-            CALIBRATE,
-            "force_n, phase_deg (or give --frequency-hz), got 'location_mm,",
-        ),
-        (
-            "kind: line\nname: arm\n",
-            ["plan", "file.csv"],
-            "file.csv: is a sensor model; a scene lists its sensors",
-        ),
-        (
-            "radio:\n\tcenter_frequency_hz: 900e6\n",
-            ["plan", "file.csv"],
-            "line 2, column 1: a tab, but YAML is indented with",
-        ),
-    ],
-)
-def test_message_of_a_mistake_says_what_to_change(
-    tmp_path, monkeypatch, capsys, content, arguments, message
-):
+@pytest.mark.parametrize("message", MISTAKES)
+def test_message_of_a_mistake_says_what_to_change(tmp_path, monkeypatch, capsys, message):
+    content, arguments = MISTAKES[message]
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
     (tmp_path / "file.csv").write_text(content)
-    assert main(arguments) == 2
+    assert main(arguments.split(" ")) == 2
     said = capsys.readouterr().err
     assert message in said and said.count("\n") == 1
     assert {path.name for path in tmp_path.iterdir()} == {"file.csv", "folder"}

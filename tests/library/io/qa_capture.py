@@ -30,6 +30,14 @@ def write(folder, samples=1000, datatype="ci16_le", captures=None, name="x", **c
     return folder / name
 
 
+def stated(*places):
+    """Segments of metadata that begin at such samples, on the device's count where it is given."""
+    return [
+        {"core:sample_start": start} | ({} if index is None else {"core:global_index": index})
+        for start, index in places
+    ]
+
+
 @pytest.mark.parametrize("suffix", ["", ".sigmf-meta", ".sigmf-data"])
 def test_open_capture_any_of_its_names_is_found(tmp_path, suffix):
     stem = write(tmp_path, name="Prüfung 1.5 N")
@@ -51,11 +59,7 @@ def test_open_capture_any_of_its_names_is_found(tmp_path, suffix):
 def test_open_capture_segments_lie_between_gaps_on_the_count_of_the_device(
     tmp_path, places, segments
 ):
-    captures = [
-        {"core:sample_start": start} | ({} if index is None else {"core:global_index": index})
-        for start, index in places
-    ]
-    capture = open_capture(write(tmp_path, captures=captures))
+    capture = open_capture(write(tmp_path, captures=stated(*places)))
     assert capture.segments == tuple(Segment(*each) for each in segments)
     assert capture.samples == 1000
     assert capture.span == sum(segments[-1][1:]) - segments[0][1]
@@ -86,22 +90,9 @@ def test_open_capture_raw_file_needs_datatype_only(tmp_path):
         ({"core:num_channels": 2}, "core:num_channels must be 1"),
         ({"core:trailing_bytes": 8}, "core:trailing_bytes must be 0"),
         ({"samples": 0}, "is empty"),
+        ({"captures": stated((0, 9), (100, 20))}, "core:global_index must not decrease"),
         (
-            {
-                "captures": [
-                    {"core:sample_start": 0, "core:global_index": 9},
-                    {"core:sample_start": 100, "core:global_index": 20},
-                ]
-            },
-            "core:global_index must not decrease",
-        ),
-        (
-            {
-                "captures": [
-                    {"core:sample_start": 0},
-                    {"core:sample_start": 100, "core:global_index": 10**15},
-                ]
-            },
+            {"captures": stated((0, None), (100, 10**15))},
             "core:global_index must not jump by over 2^40 samples",
         ),
     ],

@@ -79,6 +79,10 @@ def test_levels_of_a_scene_follow_from_its_link():
     assert (stated.snr_db, stated.static_clutter_db) == (3.0, found.static_clutter_db)
 
 
+def layers(material, thickness_mm, count=1, **more):
+    return {"layers": [{"material": material, "thickness_mm": thickness_mm} | more] * count}
+
+
 @pytest.mark.parametrize(
     ("link", "message"),
     [
@@ -86,16 +90,13 @@ def test_levels_of_a_scene_follow_from_its_link():
         ({"antennas_m": 1.2}, "antennas_m: must be 1.3 to 2.7 m"),
         ({"receiver_m": 0.01}, "receiver_m: must be a number from 0.05"),
         (
-            {"layers": [{"material": "fat", "thickness_mm": 400}] * 2},
+            layers("fat", 400, 2),
             r"layers: must be thinner together \(800 mm\) than .* away \(700 mm\)",
         ),
-        ({"layers": [{"material": "fat", "thickness_mm": 0}]}, "thickness_mm: must be .* above 0"),
+        (layers("fat", 0), "thickness_mm: must be .* above 0"),
+        (layers("other", 5), "permittivity: must be given for material"),
         (
-            {"layers": [{"material": "other", "thickness_mm": 5}]},
-            "permittivity: must be given for material",
-        ),
-        (
-            {"layers": [{"material": "fat", "thickness_mm": 5, "conductivity_s_m": 1}]},
+            layers("fat", 5, conductivity_s_m=1),
             "conductivity_s_m: must be given for material 'other', and for no other",
         ),
     ],
