@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Sources: format, lint, types, names of tags in both languages, constants that are given once."""
 
-import ast
 import importlib.util
 import re
 import shutil
 import subprocess
 import sys
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -53,26 +51,6 @@ def test_both_languages_use_the_same_names():
     in_python = {k: v for k, v in vars(names).items() if k.isupper()}
     assert in_cpp == in_python
     assert len(in_cpp) >= 9
-
-
-def test_no_constant_is_given_twice_in_a_file():
-    """The second one would replace the first, of which a reader of the file sees nothing."""
-    twice = []
-    for path in (*ROOT.glob("python/**/*.py"), *ROOT.glob("gr-wiforce/**/*.py")):
-        targets = []
-        for statement in ast.parse(path.read_text(encoding="utf-8")).body:
-            if isinstance(statement, ast.Assign):
-                targets += statement.targets
-            elif isinstance(statement, ast.AnnAssign):
-                targets.append(statement.target)
-        named = Counter(
-            node.id
-            for target in targets
-            for node in ast.walk(target)
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
-        )
-        twice += [f"{path}: {name}" for name, count in named.items() if count > 1]
-    assert not twice
 
 
 def test_every_tag_and_port_has_a_row_in_the_table():

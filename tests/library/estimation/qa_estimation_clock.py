@@ -180,12 +180,3 @@ def test_phases_of_nearly_coinciding_lines_match_their_stated_errors(clocks_hz):
     assert np.mean(readable) > 0.9 and np.median(stated) < 0.04
     # largest of 112
     assert np.max(np.abs(errors / stated)[readable]) < 4.5
-
-
-def test_phases_of_groups_without_whole_periods_reach_the_bound():
-    plan = make_plan(group_length=125, reference_groups=60)
-    tags = [random_tag(np.random.default_rng(4))]
-    air = make_air(125, tags, 5, 60.0, static_db=60)
-    errors = errors_deg(run_chain(plan, air, 160), tags, 60)
-    bound = air.bound_deg(reference_groups=60)
-    assert np.max(np.sqrt(np.mean(errors**2, axis=0)) / bound) < 1.3

@@ -208,13 +208,6 @@ def test_clutter_wider_than_planned_widens_the_band(own_plan):
     assert adapted(stated, survey).clutter_hz == stated.clutter_hz == 30
 
 
-def test_quiet_room_leaves_plan_unchanged(own_plan):
-    """What a room does not need must cost nothing."""
-    survey = surveyed(room(), own_plan)
-    assert adapted(own_plan, survey) is own_plan
-    assert findings(survey, own_plan, own_plan) == []
-
-
 def test_unusable_channel_gives_no_survey():
     """A recording that cannot be surveyed is still read, with the scene's own plan."""
     known = [TagClock(1040.0)], (50.0, 60.0)

@@ -76,12 +76,6 @@ def test_open_capture_samples_in_another_file_are_refused(tmp_path, path):
         open_capture(write(folder, **{"core:dataset": path}))
 
 
-def test_open_capture_raw_file_needs_datatype_only(tmp_path):
-    path = tmp_path / "raw.bin"
-    path.write_bytes(bytes(8 * 77 + 3))
-    assert open_capture(path, "cf32_le").segments == (Segment(0, 0, 77),)
-
-
 @pytest.mark.parametrize(
     "changes, rule",
     [

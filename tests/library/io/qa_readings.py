@@ -29,11 +29,19 @@ TOUCHED = Reading(0.018, "arm", 1, 4.123456, 0.05, 45.0, 0.1, 91.5, -12.25, 9.87
 UNKNOWN = Reading(0.054, "arm", None, None, None, None, None, None, None, None, ("gap",))
 
 
-def test_columns_equal_documented_order():
+def test_columns_and_flag_words_equal_documented_order():
+    """Scripts look for these words; their order in a cell is that of the documentation."""
     assert ",".join(COLUMNS) == (
         "time_s,sensor,touch,force_n,force_std_n,location_mm,location_std_mm,"
         "phase1_deg,phase2_deg,snr_db,flags,group,interference"
     )
+    documented = (
+        "reference gap transition weak ambiguous force-unobservable inconsistent extrapolated "
+        "moved saturated"
+    )
+    assert " ".join(flag.word for flag in Flag) == documented
+    assert Flag(2 ** len(Flag) - 1).words == tuple(documented.split())
+    assert Flag(0).words == ()
 
 
 def test_columns_of_kernel_readings_are_those_of_a_reading():
@@ -61,17 +69,6 @@ def test_columns_of_kernel_readings_are_those_of_a_reading():
         **values,
     )
     assert (readings[3].force_n, readings[3].touch) == (None, None)
-
-
-def test_flag_words_equal_documented_order():
-    """Scripts look for these words; their order in a cell is that of the documentation."""
-    documented = (
-        "reference gap transition weak ambiguous force-unobservable inconsistent extrapolated "
-        "moved saturated"
-    )
-    assert " ".join(flag.word for flag in Flag) == documented
-    assert Flag(2 ** len(Flag) - 1).words == tuple(documented.split())
-    assert Flag(0).words == ()
 
 
 def test_writers_round_and_write_unknown_values_as_nothing(tmp_path):

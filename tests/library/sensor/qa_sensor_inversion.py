@@ -84,14 +84,6 @@ def test_invert_outside_the_calibration_is_extrapolated(model):
     assert flags[0] == () and all("extrapolated" in flag for flag in flags[1:])
 
 
-def test_invert_phases_of_no_press_are_inconsistent(model):
-    # two presses at once show their outer edges: a short wider than any press
-    outer = [model.phases_deg(6.0, 25.0)[0], model.phases_deg(6.0, 55.0)[1]]
-    impossible = [outer, np.array(model.untouched_deg()) + 40.0]
-    found = model.invert(impossible, 0.3)
-    assert all("inconsistent" in flags for flags in found.flags)
-
-
 @pytest.mark.parametrize("name", ["paper-900mhz", "paper-2400mhz"])
 @pytest.mark.parametrize("noise_deg", [0.2, 1.0, 3.0])
 def test_invert_unobservable_force_is_never_confident(name, noise_deg):
