@@ -56,7 +56,7 @@ def test_readme_lines_replace_the_file_by_a_radio(device, scene):
     # Shells let programs that they start in the background ignore the key.
     keys = "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
     with running("-u", "-c", keys + program) as process:
-        wait_until(lambda: sum(" N at " in line for line in process.lines) > 20)
+        wait_until(lambda: sum(" N at " in line for line in process.lines) > 20, process=process)
         process.send_signal(signal.SIGINT)
     assert process.returncode == 0
     assert all("arm: " in line for line in process.lines if " s " in line)
@@ -106,14 +106,15 @@ def assert_pressed(lines):
 @pytest.mark.parametrize("name", ["live_uhd.py", "chain_from_usrp.py"])
 def test_example_prints_the_press(device, scene, name):
     with example(name, args_of(device), scene) as process:
-        wait_until(lambda: len(process.lines) > 1.2 / SLOW_GROUP_S)
+        wait_until(lambda: len(process.lines) > 1.2 / SLOW_GROUP_S, process=process)
     assert_pressed(process.lines)
 
 
 def test_example_record_uhd_recording_can_be_read(device, scene, tmp_path):
     samples, rate = tmp_path / "press.sigmf-data", SLOW["radio"]["sample_rate_hz"]
-    with example("record_uhd.py", args_of(device), scene, tmp_path / "press"):
-        wait_until(lambda: samples.exists() and samples.stat().st_size > 1.3 * rate * SAMPLE_BYTES)
+    enough = 1.3 * rate * SAMPLE_BYTES
+    with example("record_uhd.py", args_of(device), scene, tmp_path / "press") as process:
+        wait_until(lambda: samples.exists() and samples.stat().st_size > enough, process=process)
     succeeded("read", tmp_path / "press", "--scene", scene, "-o", tmp_path / "press.csv")
     rows = rows_of(tmp_path / "press.csv")
     assert len(rows) > 1.2 / SLOW_GROUP_S
