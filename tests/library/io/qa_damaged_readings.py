@@ -91,6 +91,15 @@ def test_parquet_with_a_damaged_name_of_a_column_is_refused(tmp_path):
         list(ReadingsFile(path).rows())
 
 
+def test_parquet_file_whose_name_is_not_utf8_is_read(tmp_path):
+    """Its name ended the run that joins the readings of all captures of a folder."""
+    pytest.importorskip("pyarrow")
+    path = tmp_path / os.fsdecode(b"n\xe9.parquet")
+    with open_writer(path) as writer:
+        writer.write(Reading(1.0, "arm"))
+    assert [row["sensor"] for row in ReadingsFile(path).rows()] == ["arm"]
+
+
 def test_export_header_alone_gives_a_file_without_readings(tmp_path):
     (tmp_path / "a.csv").write_text("time_s,sensor\n")
     succeeded("export", tmp_path / "a.csv", "--to", "json")

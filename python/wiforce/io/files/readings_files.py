@@ -138,7 +138,11 @@ class ReadingsFile:
         import pyarrow.parquet
 
         try:
-            with pyarrow.parquet.ParquetFile(self._path, page_checksum_verification=True) as file:
+            # pyarrow itself opens no path whose name is not UTF-8.
+            with (
+                open(self._path, "rb") as source,
+                pyarrow.parquet.ParquetFile(source, page_checksum_verification=True) as file,
+            ):
                 stored = file.schema_arrow.metadata or {}
                 known = {
                     key.decode(errors="replace"): value.decode(errors="replace")
