@@ -84,14 +84,14 @@ def known_presses(rng):
     return np.column_stack([force, x, y])
 
 
-def write_taps(path, taps):
-    """The table of taps, as `readings_of` holds them."""
+def write_taps(path, taps, each=1):
+    """The table of taps, each of so many presses of `readings_of`."""
     with open(path, "w", newline="") as stream:
         rows = csv.writer(stream)
         rows.writerow(["start_s", "end_s", "force_n", "x_mm", "y_mm"])
         for i, tap in enumerate(taps.tolist()):
-            start = (_BEFORE + i * _EACH + 1) * PERIOD_S
-            rows.writerow([start, start + PERIOD_S, *tap])
+            start = (_BEFORE + i * each * _EACH + 1) * PERIOD_S
+            rows.writerow([start, start + (1 + (each - 1) * _EACH) * PERIOD_S, *tap])
 
 
 def of_surface(readings, name="skin"):

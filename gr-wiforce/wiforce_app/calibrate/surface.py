@@ -11,7 +11,12 @@ from gnuradio.wiforce.io.files.readings_files import ReadingsFile
 from gnuradio.wiforce.io.text.textfile import check_output
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.surface import bare_skin
-from gnuradio.wiforce.surface.calibration import fit_spreading, read_taps, surprising_taps
+from gnuradio.wiforce.surface.calibration import (
+    fit_spreading,
+    forces_change,
+    read_taps,
+    surprising_taps,
+)
 from gnuradio.wiforce.surface.skin import borne_together, borne_too_much, write_spreading
 
 from ..shell.log import log
@@ -79,6 +84,11 @@ def _warnings(skin, taps, rms):
     # The residual contains the noise of the strips, and the standard deviation does not.
     if max(law.share_std, rms) > _POOR_STD:
         yield "presses at one distance differ; check forces, positions and strips"
+    if forces_change(taps):
+        yield (
+            "forces change between start_s and end_s, where more than half of the time must be of "
+            "the press at force_n; share_std contains by how much"
+        )
     surprising = surprising_taps(skin, taps)
     if surprising:
         tap, most = surprising[0]

@@ -2,6 +2,7 @@
 """Surface calibration from taps: their table, the fit, and checks of the file against the scene."""
 
 import math
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -52,6 +53,8 @@ class SurfaceTaps:
     strip_x_mm: Array  # (n, S), location along x that it showed
     strip_x_std_mm: Array
     untouched: NDArray[np.bool_]
+    # (n, S), from which half of a strip's readings during the press differ by more than this
+    strip_change_n: Array
 
     def __len__(self) -> int:
         return len(self.force_n)
@@ -60,16 +63,17 @@ class SurfaceTaps:
 def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> tuple[Spreading, float]:
     """Fit a law ``strips``, ``table`` or ``gaussian``; its keys, and the rms residual of shares.
 
-    Its standard deviations are those of taps left out in turn, less the noise of the strips.
+    Its standard deviations are those of taps left out in turn, less the noise of the strips; that
+    of shares is not below what the readings of a tap differ by.
     """
     share = taps.strip_force_n / taps.force_n[:, None]
     noise = taps.strip_force_std_n / taps.force_n[:, None]
     shown = np.isfinite(share) & np.isfinite(noise)
     distance, count = taps.y_mm[:, None] - skin.y_mm, int(shown.sum())
-    if not count and not taps.untouched.any():
+    if not count:
         rule = (
-            "no clear reading of a strip lies between start_s and end_s of a press: check these "
-            "times, and that the readings are those of this recording"
+            "no strip shows a press for more than half of the time from start_s to end_s: check "
+            "these times, and that the readings are those of this recording"
         )
         raise InputError("taps", rule)
     if count < _LEAST_SHARES:
@@ -103,6 +107,9 @@ def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> tuple[S
     residual = (_expected(Spreading(**keys), data) - data.share)[shown]
     # Of the outer taps, which are never left out, only the residual is known.
     std = max(std, _excess_std(residual, data.noise[shown]))
+    # Forces that change during taps err alike in all of them, which no residual shows.
+    change = (taps.strip_change_n / taps.force_n[:, None])[shown]
+    std = min(max(std, float(np.sqrt(np.mean(change**2)))), 1.0)
     # Of locations, which are counted from port 1.
     offsets, along = _along(taps, shown)
     offsets *= [-1.0 if strip.reversed else 1.0 for strip in skin.strips]
@@ -281,7 +288,7 @@ _MOST_TAPS = 10_000
 
 
 def read_taps(path: str | Path, skin: Skin, rows: Iterable[Mapping[str, Any]]) -> SurfaceTaps:
-    """Presses at known points of a CSV table, and mean readings of the strips during each.
+    """Presses at known points of a CSV table, and median readings of the strips during each.
 
     Readings with flags that make them doubtful do not count. An InputError names file and row.
     """
@@ -293,8 +300,8 @@ def read_taps(path: str | Path, skin: Skin, rows: Iterable[Mapping[str, Any]]) -
     starts_s, ends_s, force_n, x_mm, y_mm = np.array(presses).T
     names = [strip.sensor for strip in skin.strips]
     shape = len(presses), len(names)
-    touched, untouched = np.zeros(shape, int), np.zeros(shape, int)
-    total = np.zeros((*shape, len(ESTIMATES)))
+    untouched = np.zeros(shape, int)
+    touched: dict[tuple[int, int], list[list[float]]] = defaultdict(list)
     for row in rows:
         doubts = set(str(row["flags"] or "").split()) - {"extrapolated", "force-unobservable"}
         if row["sensor"] not in names or doubts:
@@ -305,15 +312,22 @@ def read_taps(path: str | Path, skin: Skin, rows: Iterable[Mapping[str, Any]]) -
         if row["touch"] == 0:
             untouched[inside, strip] += 1
         elif row["touch"] == 1 and None not in shown:
-            touched[inside, strip] += 1
-            total[inside, strip] += shown
-    enough = (touched > untouched)[..., None]
-    mean = np.where(enough, total / np.maximum(touched, 1)[..., None], math.nan)
+            for tap in np.flatnonzero(inside).tolist():
+                touched[tap, strip].append(shown)
+    median, change = np.full((*shape, len(ESTIMATES)), math.nan), np.full(shape, math.nan)
+    only = untouched > 0
+    for at, groups in touched.items():
+        # A strip that is touched for a part of the time is not known to bear less than its onset.
+        only[at] = False
+        if len(groups) > untouched[at]:
+            # Unlike a mean, not that of the groups in which the force rises, which have no flag.
+            median[at] = np.median(groups, axis=0)
+            change[at] = np.median(np.abs(np.array(groups)[:, 0] - median[at][0]))
     x = np.empty(shape)
     for i, each in enumerate(skin.strips):
-        x[:, i] = each.x_of(mean[:, i, 2])
-    only = (untouched > 0) & np.isnan(mean[..., 0])
-    return SurfaceTaps(force_n, x_mm, y_mm, mean[..., 0], mean[..., 1], x, mean[..., 3], only)
+        x[:, i] = each.x_of(median[:, i, 2])
+    force, force_std, _, x_std = np.moveaxis(median, -1, 0)
+    return SurfaceTaps(force_n, x_mm, y_mm, force, force_std, x, x_std, only, change)
 
 
 def _known_press(skin: Skin, where: str, row: Mapping[str, str]) -> list[float]:
@@ -342,6 +356,13 @@ def _known_press(skin: Skin, where: str, row: Mapping[str, str]) -> list[float]:
         if not holds:
             raise InputError(where, f"{column} {rule}", float(row[column]))
     return numbers
+
+
+def forces_change(taps: SurfaceTaps) -> bool:
+    """Whether readings of a tap differ by more than they do of a constant force."""
+    # Half of normal errors are beyond 0.67 standard deviations.
+    change = taps.strip_change_n / taps.strip_force_std_n
+    return bool(np.nanmean(change**2) > 1)
 
 
 def surprising_taps(skin: Skin, taps: SurfaceTaps) -> list[tuple[int, int]]:
