@@ -71,7 +71,8 @@ def _report(skin, taps, rms):
     )
     _, together = borne_together(skin)
     click.echo(f"all strips together bear {together.min():.0%} to {together.max():.0%} of a press")
-    click.echo(f"standard deviation of a share {law.share_std:.3f} (fitted {rms:.3f} rms)")
+    noisy = f"rms residual {rms:.3f}, with the noise of the strips"
+    click.echo(f"standard deviation of a share {law.share_std:.3f} ({noisy})")
     click.echo(f"standard deviation of the location {law.location_std_mm:.2f} mm")
 
 

@@ -196,6 +196,22 @@ def test_presses_that_contradict_the_strips_give_a_warning(message, folder):
     assert (done.stdout + done.stderr).count("warning") == 1
 
 
+def test_three_presses_between_strips_are_seven_shares_and_the_report_names_errors(folder):
+    """The documentation asked for six presses, and for errors that the report does not state."""
+    header, *rows = (folder / "taps.csv").read_text().split()
+    # At 40 mm along, 5 or 8 N; two or three strips are touched by each.
+    chosen = [
+        row for row in rows if row.split(",")[3:] in (["40.0", f"{y}.0"] for y in (6, 15, 33))
+    ]
+    (folder / "three.csv").write_text("\n".join([header, *chosen]) + "\n")
+    done = calibrate_again(folder, "three.csv", "three.yaml", "table")
+    assert done.returncode == 0, done.stderr
+    assert "table law from 7 shares of touched strips" in done.stdout
+    found = read_spreading(folder / "three.yaml")
+    line = f"standard deviation of a share {found.share_std:.3f} (rms residual 0.0"
+    assert line in done.stdout and ", with the noise of the strips)" in done.stdout
+
+
 @pytest.mark.parametrize(
     ("message", "change"),
     [
