@@ -109,7 +109,7 @@ def _numbers(context, parameter, value):
 @click.option(
     "--accept",
     is_flag=True,
-    help="Write the sensor although TABLE seems to have a mistake; the file states it.",
+    help="Write the file although TABLE seems to have a mistake; it states the mistake.",
 )
 @click.option(
     "--surface",
@@ -206,10 +206,10 @@ def calibrate(
         from .surface import calibrate_surface
 
         others = {"--live": live, "--refine": refined, "--plot": plot_path, "--kind": kind}
-        for option, value in {**others, "--accept": accept}.items():
+        for option, value in others.items():
             if value:
                 raise InputError(option, "cannot be given with --surface")
-        return calibrate_surface(table, surface, readings, law or "strips", output)
+        return calibrate_surface(table, surface, readings, law or "strips", output, accept)
     table = table_of(table, output, live)
     if settings["ruler_std_mm"] is None:
         settings["ruler_std_mm"] = RULER_STD_MM if live else 0.0

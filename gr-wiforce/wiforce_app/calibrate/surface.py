@@ -30,8 +30,11 @@ _LEAST_BORNE = 0.1
 _POOR_LOCATION_MM = 2.0
 
 
-def calibrate_surface(table, scene, readings, law, output):
-    """Fit a ``law`` of a scene's surface to readings of known presses, and write it."""
+def calibrate_surface(table, scene, readings, law, output, accept):
+    """Fit a ``law`` of a scene's surface to readings of known presses, and write it.
+
+    A table with a likely mistake is refused unless ``accept``.
+    """
     if table is None or readings is None:
         missing = "TABLE" if table is None else "--readings"
         raise InputError(missing, "is missing; --surface needs a table of presses, and readings")
@@ -54,7 +57,13 @@ def calibrate_surface(table, scene, readings, law, output):
     rule = borne_too_much(skin)
     if rule:
         raise InputError(table, f"{rule}; check force_n, and the sensor files of the strips")
-    write_spreading(found, output)
+    suspected = list(_suspicions(skin, taps, rms))
+    if suspected and not accept:
+        rule = "correct it, or write the law nevertheless with --accept"
+        raise InputError(table, f"{'; '.join(suspected)} ({rule})")
+    write_spreading(replace(found, suspicions=tuple(suspected) or None), output)
+    for text in suspected:
+        click.echo(f"not to be trusted: {text}")
     _report(skin, taps, rms)
     for warning in _warnings(skin, taps, rms):
         click.echo(f"warning: {warning}")
@@ -76,20 +85,32 @@ def _report(skin, taps, rms):
     click.echo(f"standard deviation of the location {law.location_std_mm:.2f} mm")
 
 
-def _warnings(skin, taps, rms):
-    """What suggests that the table or the scene is wrong."""
-    law = skin.spreading
-    most = borne_together(skin)[1].max()
-    if most < _LEAST_BORNE:
-        yield f"the strips together bear at most {most:.1%} of a press; is force_n in N, not grams?"
+def _differing(skin, rms):
+    """Whether presses at one distance differ by more than strips of one law can."""
     # The residual contains the noise of the strips, and the standard deviation does not.
-    if max(law.share_std, rms) > _POOR_STD:
-        yield "presses at one distance differ; check forces, positions and strips"
+    return max(skin.spreading.share_std, rms) > _POOR_STD
+
+
+def _warnings(skin, taps, rms):
+    """What makes the law a poor one, though nothing need be wrong."""
+    # Laws of one curve do not describe strips that differ, as at the edges of a skin.
+    if skin.spreading.law != "strips" and _differing(skin, rms):
+        yield "presses at one distance differ; --law strips gives each strip a curve of its own"
     if forces_change(taps):
         yield (
             "forces change between start_s and end_s, where more than half of the time must be of "
             "the press at force_n; share_std contains by how much"
         )
+
+
+def _suspicions(skin, taps, rms):
+    """What suggests that the table or the scene is wrong."""
+    law = skin.spreading
+    most = borne_together(skin)[1].max()
+    if most < _LEAST_BORNE:
+        yield f"the strips together bear at most {most:.1%} of a press; is force_n in N, not grams?"
+    if law.law == "strips" and _differing(skin, rms):
+        yield "presses at one distance differ; check times, forces, positions and strips"
     surprising = surprising_taps(skin, taps)
     if surprising:
         tap, most = surprising[0]

@@ -21,6 +21,7 @@ from ..signal.symbols import decode_symbol, encode_symbol, read_symbol
 from .consistency import check_scene
 from .schema import Scene, Sounding
 from .simulated import with_all_tags
+from .surface import skin_of
 
 
 def load_scene(scene: str | Path | dict[str, Any] | Scene) -> Scene:
@@ -162,12 +163,15 @@ def scene_of(
 
 
 def accepted_suspicions(scene: Scene) -> list[str]:
-    """Likely mistakes in the sensors' calibrations that were accepted, a sentence each."""
-    return [
-        f"sensor '{sensor.name}' was calibrated in spite of a suspicion: {text}"
+    """Likely mistakes in calibrations of sensors and skin that were accepted, a sentence each."""
+    found = [
+        (f"sensor '{sensor.name}'", text)
         for sensor in scene.sensors
         for text in sensor.load_model(scene).provenance.get("suspicions", ())
     ]
+    if (skin := skin_of(scene)) is not None:
+        found += [(f"surface '{skin.name}'", text) for text in skin.spreading.suspicions or ()]
+    return [f"{what} was calibrated in spite of a suspicion: {text}" for what, text in found]
 
 
 def _differences(capture: Capture | ChannelSnapshots, given: Scene) -> Iterator[str]:

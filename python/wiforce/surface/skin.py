@@ -168,6 +168,11 @@ class Spreading:
         "refused.",
     )
     source: str | None = key(Text(limit=1000, optional=True), doc="Where the law comes from.")
+    suspicions: tuple[str, ...] | None = key(
+        ListOf(of=Text(limit=1000), least=1, most=_MOST_STRIPS, items="texts", optional=True),
+        doc="Likely mistakes in the taps that whoever calibrated has accepted; `plan` and `read` "
+        "repeat them.",
+    )
 
     @cached_property
     def _curves(self) -> list[PchipInterpolator]:

@@ -178,22 +178,31 @@ def change_taps(folder, name, change):
     (folder / name).write_text("\n".join(lines) + "\n")
 
 
-WARNINGS = {
+SUSPICIONS = {
     "a strip farther away bears more than the nearest one in": lambda s, e, f, x, y: (
         *(s, e, f, x, 36 - y),),
     "strips show presses up to 10.": lambda s, e, f, x, y: (s, e, f, x + 10, y),
     "the strips together bear at most 1.1% of a press; is force_n in N": lambda s, e, f, x, y: (
         *(s, e, 102 * f, x, y),),
+    "presses at one distance differ; check times": lambda s, e, f, x, y: (
+        *(s + 0.18, e + 0.18, f, x, y),),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("message", WARNINGS)
-def test_presses_that_contradict_the_strips_give_a_warning(message, folder):
-    """The law explains such presses well, but the surface would be read elsewhere."""
-    change_taps(folder, "changed.csv", WARNINGS[message])
-    done = calibrate_again(folder, "changed.csv", "changed.yaml")
-    assert done.returncode == 0 and f"warning: {message}" in done.stdout, done.stdout
-    assert (done.stdout + done.stderr).count("warning") == 1
+@pytest.mark.parametrize("message", SUSPICIONS)
+def test_skin_calibration_suspicion_must_be_accepted_and_is_repeated(message, folder, tmp_path):
+    """The law explains such presses well, but the surface was read elsewhere or in grams."""
+    change_taps(folder, "changed.csv", SUSPICIONS[message])
+    said = refused_taps(folder, "changed.csv")
+    assert f"changed.csv: {message}" in said and said.endswith("nevertheless with --accept)")
+    accepted = tmp_path / "accepted.yaml"
+    done = run_command(*command_of("changed.csv", accepted), "--accept", cwd=folder)
+    assert done.returncode == 0 and f"not to be trusted: {message}" in done.stdout, done.stdout
+    (found, *_) = read_spreading(accepted).suspicions
+    assert found.startswith(message)
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(made.scene(spreading_file=str(accepted))))
+    repeated = f"surface 'skin' was calibrated in spite of a suspicion: {found}"
+    assert f"warning: {repeated}\n" in run_command("plan", tmp_path / "scene.yaml").stdout
 
 
 def test_three_presses_between_strips_are_seven_shares_and_the_report_names_errors(folder):
