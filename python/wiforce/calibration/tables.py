@@ -13,7 +13,14 @@ import numpy as np
 
 from ..errors import InputError, unwritable
 from ..io.optional import optional_module
-from ..io.text.textfile import cell_number, read_bytes, read_csv, require_columns, write_whole
+from ..io.text.textfile import (
+    cell_number,
+    read_bytes,
+    read_csv,
+    refuse_pipe,
+    require_columns,
+    write_whole,
+)
 from ..sensor.model import SensorModel
 from ..signal.carrier import CARRIERS_HZ, same_carrier
 
@@ -265,7 +272,11 @@ def _touchstone_phases(path: Path, frequency_hz: float, where: str) -> list[floa
 
 
 def table_kind(path: str | Path) -> str:
-    """Kind of a table by its columns: ``vna``, ``touchstone`` or ``taps``."""
+    """Kind of a table by its columns: ``vna``, ``touchstone`` or ``taps``; refuses a pipe.
+
+    A pipe would be empty when the table is read.
+    """
+    refuse_pipe(path)
     header, _ = read_csv(path)
     if "file" in header:
         return "touchstone"

@@ -2,6 +2,7 @@
 """`gr-wiforce calibrate` and `invert` as a researcher runs them."""
 
 import csv
+import os
 import sys
 from dataclasses import replace
 
@@ -139,6 +140,27 @@ def test_write_vna_csv_needs_no_pandas_and_keeps_the_carrier(folder, tmp_path, m
     again = read_vna_csv(tmp_path / "vna.csv")
     assert again.frequency_hz == pytest.approx(table.frequency_hz, abs=1)
     assert (again.phase_deg == table.phase_deg).all() and (again.force_n == table.force_n).all()
+
+
+def test_calibrate_from_a_pipe_needs_the_kind_and_reads_it_once(folder, tmp_path):
+    """A table from a pipe had no rows when it was read again, and a named pipe hung."""
+    os.mkfifo(tmp_path / "named")
+    output = "-o", tmp_path / "o.yaml"
+    said = refused("calibrate", tmp_path / "named", *output)
+    assert said.endswith("named: must be a file, not a pipe or a device") and said.count(":") == 2
+    content = (folder / "vna.csv").read_bytes()
+    assert len(content) < 60_000  # what a pipe holds
+    reading, writing = os.pipe()
+    os.write(writing, content)
+    os.close(writing)
+    try:
+        assert "must be a file, not a pipe" in refused("calibrate", f"/dev/fd/{reading}", *output)
+        assert not (tmp_path / "o.yaml").exists()
+        succeeded("calibrate", f"/dev/fd/{reading}", "--kind", "vna", *output)
+    finally:
+        os.close(reading)
+    model, expected = load_sensor(tmp_path / "o.yaml"), load_sensor(folder / "s.yaml")
+    assert model.phases_deg(4.0, 45.0) == pytest.approx(expected.phases_deg(4.0, 45.0), abs=1e-9)
 
 
 def test_a_sensor_named_by_no_text_is_refused_and_not_written(tmp_path):
