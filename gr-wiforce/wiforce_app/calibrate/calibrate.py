@@ -271,7 +271,11 @@ def _verdict(sensor, model, verdicts, suspected):
         for (std, most), unit in ((found.force_std_n, "N"), (found.location_std_mm, "mm")):
             yield f"  {std:.2g} {unit} (at most {most:.2g})"
         if 0 < found.flagged < 1:
-            yield f"  left out: {found.flagged:.0%} of the span, where readings are flagged"
+            flags = f"flagged {' or '.join(found.flags)}" if found.flags else "empty"
+            yield (
+                f"  left out: {found.flagged:.0%} of the span, where readings are {flags} (what to "
+                "do: docs/sensors.md, Flags)"
+            )
     if not model.ruler_std_mm:
         yield "  locations are taken as exact (--ruler-std-mm): what they are off shifts readings"
     yield from (f"warning: {warning}" for warning in sensor.calibration_warnings(model))

@@ -109,13 +109,15 @@ class Verdict:
     """Errors that a calibration leaves without noise, with contradictions of its locations.
 
     Standard deviations are median and largest where readings are not flagged; ``flagged`` is a
-    share of the span, ``unusable`` why no force is read.
+    share of the span, ``flags`` are theirs, the most frequent one first, ``unusable`` says why no
+    force is read.
     """
 
     frequency_hz: float
     force_std_n: tuple[float, float]
     location_std_mm: tuple[float, float]
     flagged: float
+    flags: tuple[str, ...] = ()
     unusable: str = ""
 
 
@@ -130,17 +132,17 @@ def _of_carrier(model: CurveModel, index: int) -> Verdict:
     unusable = ""
     # Of a force that is anywhere in the span.
     guess_n = float(np.ptp(model.force_span_n)) / np.sqrt(12)
+    counts = Counter(flag for words in found.flags for flag in words)
+    flags = tuple(flag for flag, _ in counts.most_common())
     if flagged == 1:
-        counts = Counter(flag for flags in found.flags for flag in flags)
-        most = max(counts, key=lambda flag: counts[flag], default="")
-        unusable = f"every reading is flagged {most}"
+        unusable = " ".join(["every reading is flagged", *flags[:1]])
     elif not np.nanmedian(found.force_std_n) < guess_n:
         unusable = f"force is known no better than by a guess within the span ({guess_n:.2g} N)"
     force_std, location_std = (
         (float(np.median(std[used])), float(std[used].max()))
         for std in (found.force_std_n, found.location_std_mm)
     )
-    return Verdict(frequency_hz, force_std, location_std, flagged, unusable)
+    return Verdict(frequency_hz, force_std, location_std, flagged, flags, unusable)
 
 
 def errors_over_span(
