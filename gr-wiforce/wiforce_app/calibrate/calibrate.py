@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+from gnuradio.wiforce.calibration.gauges import UNITS
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.palette import FAINT, series_style
 from gnuradio.wiforce.io.text.textfile import check_output
@@ -162,7 +163,7 @@ def _numbers(context, parameter, value):
     "--scale-unit",
     default="N",
     show_default=True,
-    help="Unit of a serial scale whose lines contain none: N, mN, g, kg, lb, oz.",
+    help=f"Unit of a serial scale whose lines contain none: {UNITS}.",
 )
 @click.option("--baud", type=IntegerRange(1), default=9600, show_default=True)
 def calibrate(

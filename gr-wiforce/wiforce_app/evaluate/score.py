@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 from gnuradio.wiforce.calibration.gauge_comparison import compare_with_gauge, timed_forces
-from gnuradio.wiforce.calibration.gauges import read_gauge
+from gnuradio.wiforce.calibration.gauges import UNITS, read_gauge
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files import format_of
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
@@ -37,7 +37,7 @@ _COLUMNS = ("time_s", "force_n", "force_std_n", "gauge_n", "error_n")
 )
 @click.option("--time-column", help="Name of the gauge's column of times.")
 @click.option("--force-column", help="Name of the gauge's column of forces.")
-@click.option("--unit", help="Unit of the gauge's forces: N, mN, g, kg, lb or oz.")
+@click.option("--unit", help=f"Unit of the gauge's forces: {UNITS}.")
 @click.option(
     "--offset",
     type=Number(),
@@ -80,6 +80,8 @@ def score(
         check_output(output, inputs)
     check_picture(plot_path, inputs)
     gauge = read_gauge(against, time_column, force_column, unit)
+    if gauge.note:
+        log.warning(f"{against}: {gauge.note}")
     rows = _rows(capture, scene_path, datatype)
     try:
         readings = timed_forces(rows, sensors or None)

@@ -34,6 +34,7 @@ UNITS_N = {
     "oz": _POUND_N / 16,
     "ozf": _POUND_N / 16,
 }
+UNITS = "N, mN, kN, g, kg, lb, oz"  # those that are named to users
 _TYPED = re.compile(r"([+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?)\s*([^\W\d_]*)")
 # A sign may stand apart from its number, as in "ST,GS,+  1.234 kg".
 _SENT = re.compile(r"([+-]?)\s*(\d+(?:\.\d*)?|\.\d+)\s*([^\W\d_]*)")
@@ -50,7 +51,7 @@ def unit_n(unit: str, where: object = "unit") -> float:
     try:
         return UNITS_N[unit.lower()]
     except KeyError:
-        raise InputError(where, "must be one of N, mN, g, kg, lb, oz", unit) from None
+        raise InputError(where, f"must be one of {UNITS}", unit) from None
 
 
 def parse_force(text: str) -> float:
@@ -144,6 +145,7 @@ class GaugeRecord:
 
     time_s: np.ndarray
     force_n: np.ndarray
+    note: str = ""  # what may be wrong with it
 
 
 def read_gauge(
@@ -188,7 +190,7 @@ def read_gauge(
     last = np.append(np.diff(times) > 0, True)
     if np.sum(last) < 2:
         raise InputError(path, f"{time_name} must increase", times[0])
-    return GaugeRecord(times[last], forces[last])
+    return GaugeRecord(times[last], forces[last], _other_unit(force_name, unit))
 
 
 def _table(path: str | Path) -> pd.DataFrame:
@@ -256,6 +258,14 @@ def _newtons(name: str, unit: str | None) -> float:
     if named and named not in UNITS_N and name.lower() != f"force_{named}":
         raise InputError(name, "names an unknown unit of force; state it with --unit", named)
     return UNITS_N.get(named, 1.0)
+
+
+def _other_unit(name: str, unit: str | None) -> str:
+    """A note where a column is named after another unit than the one stated."""
+    named = _unit_of(name)
+    if unit is None or named.lower() not in UNITS_N or unit_n(named) == unit_n(unit, "--unit"):
+        return ""
+    return f"{name} names the unit {named}, and is read in {unit}, which --unit states"
 
 
 def _times(path: str | Path, column: pd.Series, name: str) -> np.ndarray:

@@ -66,7 +66,7 @@ def test_csv_without_forces_and_unit_of_no_force_are_refused(tmp_path):
         open_scale(str(path), "N", 9600)
     with pytest.raises(InputError, match="absent.csv: cannot be read"):
         open_scale(str(tmp_path / "absent.csv"), "N", 9600)
-    with pytest.raises(InputError, match="--scale-unit: must be one of N, mN, g, kg"):
+    with pytest.raises(InputError, match="--scale-unit: must be one of N, mN, kN, g, kg"):
         open_scale(str(tmp_path), "mm", 9600)
 
 

@@ -282,9 +282,29 @@ def test_score_compares_a_file_of_readings(tmp_path):
         ("--sensor", "leg"): "--sensor: must be one of arm, got 'leg'",
         ("--force-column", "x"): "--force-column: must be one of the columns of",
         ("--scene", "demo"): "a file of readings needs none",
-        ("--unit", "mm"): "--unit: must be one of N, mN, g, kg, lb, oz, got 'mm'",
+        ("--unit", "mm"): "--unit: must be one of N, mN, kN, g, kg, lb, oz, got 'mm'",
     }.items():
         assert message in refused(*arguments, *more)
+
+
+@pytest.mark.parametrize(
+    ("header", "unit", "warned"),
+    [
+        ("Load [g]", "kN", "Load [g] names the unit g, and is read in kN, which --unit states"),
+        ("Load [kgf]", "kg", None),
+        ("Load", "kN", None),
+        ("force_raw", "lb", None),
+    ],
+)
+def test_score_warns_where_the_unit_is_not_that_of_the_header(tmp_path, header, unit, warned):
+    """The gain was 0.0, and nothing said why."""
+    with open_writer(tmp_path / "r.csv") as writer:
+        write(writer, readings())
+    cell = tmp_path / "cell.csv"
+    write_gauge(cell, gauge())
+    cell.write_text(cell.read_text().replace("force_n", header))
+    done = succeeded("score", tmp_path / "r.csv", "--against", cell, "--unit", unit)
+    assert (f"{cell}: {warned}\n" in done.stderr) if warned else done.stderr == ""
 
 
 def test_score_says_where_a_file_of_readings_is_cut_off(tmp_path):

@@ -28,7 +28,7 @@ def test_typed_force_is_read_in_newtons(typed, force_n):
     ("typed", "rule"),
     [
         *((text, "must be a number") for text in ("", "2.5 3", "nan", "0x10")),
-        ("20 mm", "must be one of N, mN, g, kg, lb, oz"),
+        ("20 mm", "must be one of N, mN, kN, g, kg, lb, oz"),
     ],
 )
 def test_typed_text_that_is_no_force_is_refused(typed, rule):
