@@ -64,7 +64,7 @@ def scene_readings(name, folder, tracked=False, gaps=()):
     scene = load_scene(FOLDER / "scenes" / f"{name}.yaml")
     capture = Path(folder) / name
     if scene.packets:
-        simulate(scene, capture)
+        simulate(scene, capture, overwrite=True)
         reader = SnapshotReader(open_snapshots(capture.with_suffix(".npz")), scene)
         return [reading for batch in reader for reading in batch]
     if not capture.with_suffix(".sigmf-meta").exists():

@@ -74,7 +74,7 @@ def demo(folder):
     click.echo(f"2. simulate {scene.simulation.duration_s:g} s of received signal")
     samples = frame_count(scene) * scene.sounding.frame_length
     with progress("simulating", samples) as step:
-        simulate(scene, folder / "demo", progress=step)
+        simulate(scene, folder / "demo", progress=step, overwrite=True)
     has_gnuradio = find_spec("gnuradio.wiforce.wiforce_python") is not None
     click.echo(f"3. read the capture {'through' if has_gnuradio else 'without'} GNU Radio")
     readings = _read(scene, folder, _run_flowgraph if has_gnuradio else _run_library)

@@ -82,7 +82,7 @@ def simulate(scene, name, datatype, seed, force):
     if scene.packets is None:
         steps *= scene.sounding.frame_length * scene.environment.receive_antennas
     with progress("simulating", steps) as done:
-        paths = simulator.simulate(scene, name, datatype, done, overwrite=force)
+        paths = simulator.simulate(scene, name, datatype, done, force, "--force")
     for path in paths:
         click.echo(path)
     for warning in simulation_warnings(scene):

@@ -43,7 +43,7 @@ def simulate(
     name: str | Path,
     datatype: str = "ci16_le",
     progress: Callable[[int], object] | None = None,
-    overwrite: bool = True,
+    overwrite: bool = False,
 ) -> list[Path]:
     """Write the capture of a scene and its truth, for each receive antenna.
 
@@ -343,8 +343,8 @@ def survey(
     Examples
     --------
     >>> from gnuradio import wiforce
-    >>> _ = wiforce.simulate("tabletop", "press")
-    >>> wiforce.survey("press").tags[0].name
+    >>> _ = wiforce.simulate("tabletop", "room")
+    >>> wiforce.survey("room").tags[0].name
     'arm'
     """
     recording = capture if isinstance(capture, Capture) else open_capture(capture, datatype)

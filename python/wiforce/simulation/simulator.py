@@ -29,9 +29,13 @@ def simulate(
     name: str | Path,
     datatype: str = "ci16_le",
     progress: Callable[[int], object] | None = None,
-    overwrite: bool = True,
+    overwrite: bool = False,
+    replaced_by: str = "overwrite=True",
 ) -> list[Path]:
-    """Write the capture of a scene, or its channel snapshots: see ``wiforce.simulate``."""
+    """Write the capture of a scene, or its channel snapshots: see ``wiforce.simulate``.
+
+    ``replaced_by`` is what a refusal says replaces files.
+    """
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
     scene = load_scene(scene)
@@ -44,7 +48,7 @@ def simulate(
     for path in paths:
         check_output(path, scene.files)
         if path.exists() and not overwrite:
-            raise InputError(path, "exists already; --force replaces it")
+            raise InputError(path, f"exists already; {replaced_by} replaces it")
     try:
         with all_or_nothing(paths) as temporary:
             if packets:

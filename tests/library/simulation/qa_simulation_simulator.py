@@ -145,7 +145,7 @@ def test_simulate_two_antennas_are_replaced_together(tmp_path):
             raise OSError(errno.ENOSPC, "No space left on device")
 
     with pytest.raises(OutputError, match="No space left"):
-        simulator.simulate(second, tmp_path / "x", progress=fill_the_disk)
+        simulator.simulate(second, tmp_path / "x", progress=fill_the_disk, overwrite=True)
     assert [path.read_bytes() for path in paths] == before
 
 
