@@ -200,6 +200,8 @@ def check_samples(capture):
     if file["samples_lost"]:
         advice.append("samples were lost while recording: use a faster machine or larger buffers")
     tag, notes = _default_frames(capture)
+    if capture.incomplete:
+        notes = [f"the file {capture.incomplete}", *notes]
     advice = advice or ["none on levels"]
     found = {"file": file, "levels": levels, "tag": tag, "notes": notes, "advice": advice}
     powers = "peak {peak_dbfs:.1f} dBFS, mean {mean_dbfs:.1f}".format(**levels)
@@ -315,6 +317,9 @@ def _warnings(antennas, files):
     for file in files:
         if file["checksum"] == "none":
             yield f"{file['path']}: no checksum is known; changed samples go unnoticed"
+    for antenna in antennas:
+        if antenna.incomplete:
+            yield f"{antenna.path}: {antenna.incomplete}"
     antennas = sorted(antennas, key=lambda capture: capture.span)
     if antennas[0].span != antennas[-1].span:
         lacking = antennas[-1].span - antennas[0].span

@@ -39,10 +39,9 @@ def open_reader(recording, settings, frame_offset, tracked):
         reader = SnapshotReader(recording, settings, tracked)
         warn_of_notes(recording, reader)
         return reader
-    if cut := recording.cut_bytes:
-        left = "1 byte is" if cut == 1 else f"{cut} bytes are"
-        warn(recording.path, f"ends within a sample, of which {left} left out; is it whole?")
     reader = RecordingReader(recording, settings, frame_offset, tracked)
+    if recording.incomplete:
+        warn(recording.path, recording.incomplete)
     warn_of_notes(recording, reader)
     warn_of_unequal_antennas(reader)
     RoomNews().report(findings(reader.survey, settings, reader.plan))

@@ -222,6 +222,8 @@ class sigmf_recorder(Kept, gr.sync_block):
     A flowgraph that is started again continues the recording if its first ``rx_time`` reports the
     samples lost in between; otherwise the recording stops.
 
+    Where no sample came, no file is left. Else ``wiforce:samples`` states their number at the end.
+
     A disk error stops the recording, not the flowgraph: see ``failure``.
 
     Input: samples, complex or complex 16-bit integers.
@@ -263,6 +265,8 @@ class sigmf_recorder(Kept, gr.sync_block):
         item_type: str = "fc32",
         fields: dict[str, Any] | None = None,
     ) -> None:
+        from .._config import VERSION
+
         kind = item_type_named(item_type)
         if not sample_rate > 0:
             raise InputError("sample_rate", "must be positive", sample_rate)
@@ -279,6 +283,7 @@ class sigmf_recorder(Kept, gr.sync_block):
             "core:sample_rate": sample_rate,
             "core:version": "1.0.0",
             "core:num_channels": 1,
+            "core:extensions": [{"name": "wiforce", "version": VERSION, "optional": True}],
             **(fields or {}),
         }
         stem = recording_stem(path, "path")
@@ -318,7 +323,26 @@ class sigmf_recorder(Kept, gr.sync_block):
     def stop(self) -> bool:
         if self._file is not None:
             self._file.close()
+            self._complete()
         return super().stop()
+
+    def _complete(self) -> None:
+        """State the length, by which a copy that was cut is known; leave no empty file."""
+        try:
+            # A write that failed may have written a part.
+            size = self._data.stat().st_size
+            if size:
+                sample_bytes = DATATYPES[self._global["core:datatype"]].sample_bytes
+                self._global["wiforce:samples"] = size // sample_bytes
+                self._write_metadata()
+            else:
+                self._data.unlink()
+                self._meta.unlink(missing_ok=True)
+                self._file = None
+                self._captures.clear()
+        except OSError as error:
+            if self.failure is None:
+                self._stop_recording(error)
 
     def _stop_recording(self, error: OSError) -> None:
         self.failure = error

@@ -184,7 +184,9 @@ def _read_one(
 
     recording, reader, differences = _opened(capture, scene, tracked, datatype, frame_offset)
     scene_read = reader.plan.require_scene()
-    for text in (*differences, *reader.notes, *accepted_suspicions(scene_read)):
+    incomplete = [recording.incomplete] if isinstance(recording, Capture) else []
+    notes = [text for text in (*incomplete, *reader.notes) if text]
+    for text in (*differences, *notes, *accepted_suspicions(scene_read)):
         warnings.warn(f"{recording.path}: {text}", stacklevel=3)
     also = scene_read.more_columns
     columns = (*COLUMNS, *also)

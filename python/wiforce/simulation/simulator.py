@@ -96,6 +96,7 @@ def _write_metadata(scene: Scene, datatype: str, data: Path, path: Path, beside:
         "core:recorder": f"gr-wiforce {VERSION}",
         "core:extensions": [{"name": "wiforce", "version": VERSION, "optional": True}],
         "wiforce:scene": scene.as_dict(beside),
+        "wiforce:samples": frame_count(scene) * scene.sounding.frame_length,
         "wiforce:seed": scene.simulation.seed,
     }
     capture = {"core:sample_start": 0, "core:frequency": scene.radio.center_frequency_hz}

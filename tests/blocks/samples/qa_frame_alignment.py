@@ -101,6 +101,17 @@ def test_a_recording_marks_the_gaps_and_goes_on_when_its_flowgraph_is_started_ag
     assert places == [*expected]
     fields = json.loads((tmp_path / "run.sigmf-meta").read_text())["global"]
     assert fields["core:hw"] == "a device" and fields["core:datatype"] == "cf32_le"
+    assert fields["wiforce:samples"] == len(samples) and capture.incomplete == ""
+
+
+def test_a_recording_without_samples_leaves_no_file(tmp_path):
+    """An empty file without metadata cannot be read, and stood in the way of the next run."""
+    recorder = wiforce.sigmf_recorder(tmp_path / "run")
+    run_flowgraph(array_source(stream(0, 0)), recorder)
+    assert list(tmp_path.iterdir()) == []
+    run_flowgraph(array_source(stream(0, 3), [rx_time(0, 1.0)]), recorder)
+    assert recorder.failure is None
+    assert open_capture(tmp_path / "run").samples == 3 * WAVEFORM.frame_length
 
 
 @pytest.mark.parametrize("start_s", [None, 0.5, 5000.0])

@@ -220,6 +220,9 @@ def test_check_capture_without_checksum_or_with_gaps_says_so(capture):
     text = checked(capture)[1]
     assert "50000 samples lost in 1 gaps" in text and "checksum   none" in text
     assert "no checksum is known" in text
+    with open(capture.with_suffix(".sigmf-data"), "r+b") as data:
+        data.truncate(4 * 450_000)
+    assert "ends 50000 samples before the 500000 that its metadata state" in checked(capture)[1]
 
 
 def test_check_capture_states_levels_of_extreme_and_damaged_floats(capture):

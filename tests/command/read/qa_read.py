@@ -79,7 +79,9 @@ def cut(demo, tmp_path, size):
 def test_read_capture_truncated_in_frame_reads_whole_groups(demo, printed, read_args, tmp_path):
     capture = cut(demo, tmp_path, 4 * (20 * 450_000 + 1234))
     done = succeeded("read", capture, *read_args[2:])
-    (summary,) = done.stderr.splitlines()
+    warning, summary = done.stderr.splitlines()
+    lacking = 37_499_760 - (20 * 450_000 + 1234)
+    assert f"cut.sigmf-data: ends {lacking} samples before the 37499760 that" in warning
     assert "read 20 groups" in summary
     whole = printed.stdout.splitlines()
     rows = done.stdout.splitlines()

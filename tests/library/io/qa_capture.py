@@ -65,6 +65,22 @@ def test_open_capture_segments_lie_between_gaps_on_the_count_of_the_device(
     assert capture.span == sum(segments[-1][1:]) - segments[0][1]
 
 
+@pytest.mark.parametrize(
+    ("changes", "places", "lacking"),
+    [
+        ({}, [0, 600], None),
+        ({"wiforce:samples": 900}, [0], None),  # a recorder that goes on
+        ({"wiforce:samples": 1234}, [0], "ends 234 samples before the 1234 that"),
+        ({}, [0, 600, 5000], "ends 4000 samples before the 5000 that"),
+    ],
+)
+def test_capture_shorter_than_its_metadata_state_says_so(tmp_path, changes, places, lacking):
+    """A copy that ended early read as a shorter measurement, without a word."""
+    captures = [{"core:sample_start": start} for start in places]
+    capture = open_capture(write(tmp_path, captures=captures, **changes))
+    assert capture.incomplete.startswith(lacking) if lacking else capture.incomplete == ""
+
+
 @pytest.mark.parametrize("path", ["../secret.bin", "x.sigmf-data/../../secret.bin", "other.iq"])
 def test_open_capture_samples_in_another_file_are_refused(tmp_path, path):
     """The file beside the metadata was read, whatever file they named."""

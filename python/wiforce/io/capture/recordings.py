@@ -42,6 +42,8 @@ class Capture:
     scene: Any = field(default=None, repr=False, compare=False)
     # Of the data file as the metadata state it (``core:sha512``), not verified.
     sha512: str | None = field(default=None, repr=False, compare=False)
+    # Samples that the metadata state (``wiforce:samples``, or where the last capture begins).
+    stated_samples: int = field(default=0, repr=False, compare=False)
 
     @property
     def samples(self) -> int:
@@ -52,6 +54,19 @@ class Capture:
     def cut_bytes(self) -> int:
         """Bytes of a last sample that the file does not hold completely."""
         return self.path.stat().st_size % DATATYPES[self.datatype].sample_bytes
+
+    @property
+    def incomplete(self) -> str:
+        """A sentence if the file ends before what its metadata state, or within a sample."""
+        if lacking := max(0, self.stated_samples - self.samples):
+            return (
+                f"ends {lacking} samples before the {self.stated_samples} that its metadata state: "
+                "only a part of it is read; was it copied completely?"
+            )
+        if cut := self.cut_bytes:
+            left = "1 byte is" if cut == 1 else f"{cut} bytes are"
+            return f"ends within a sample, of which {left} left out; is it whole?"
+        return ""
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -174,7 +189,9 @@ def _open_sigmf(meta: Path, data: Path) -> Capture:
         raise InputError(meta, "core:frequency must be the same in all captures", carriers[1])
     segments = _segments(meta, captures, total)
     scene, sha512 = fields.get("wiforce:scene"), fields.get("core:sha512")
-    return Capture(data, datatype, rate, carrier, segments, scene, sha512)
+    last = captures[-1]["core:sample_start"] if captures else 0
+    stated = max(fields.get("wiforce:samples", 0), last)
+    return Capture(data, datatype, rate, carrier, segments, scene, sha512, stated)
 
 
 def _positive(meta: Path, name: str, value: Any) -> float:

@@ -37,6 +37,7 @@ _GLOBAL = {
     "core:sha512": _TEXT,
     "core:dataset": _TEXT,
     "core:trailing_bytes": _COUNT,
+    "wiforce:samples": _COUNT,
 }
 _CAPTURE = {
     "core:sample_start": _COUNT,
