@@ -72,7 +72,8 @@ def load_capture_scene(capture: Capture | ChannelSnapshots) -> Scene:
     """Read the scene in a capture's metadata; sensor files are relative to the capture."""
     if capture.scene is None:
         rule = "holds no scene; name one with --scene"
-        if capture.path.suffix == ".sigmf-data":
+        raw = isinstance(capture, Capture) and capture.sample_rate_hz is None
+        if raw and capture.path.with_suffix(".sigmf-meta").exists():
             rule += ", or leave out --datatype to use that of its metadata"
         raise InputError(capture.path, rule)
     name = "scene" if isinstance(capture, ChannelSnapshots) else "wiforce:scene"

@@ -123,6 +123,12 @@ def test_open_capture_missing_file_is_named(tmp_path):
         open_capture(stem)
 
 
+def test_open_capture_pair_with_a_datatype_is_told_to_omit_it(tmp_path):
+    """The files of the pair are there, and were said not to be."""
+    with pytest.raises(InputError, match="x.sigmf-meta states its own type: omit --datatype"):
+        open_capture(write(tmp_path), "ci16_le")
+
+
 def test_open_capture_samples_without_metadata_asks_for_their_type(tmp_path):
     raw = tmp_path / "raw.dat"
     raw.write_bytes(bytes(8000))
@@ -141,8 +147,11 @@ def test_open_capture_pipe_or_folder_is_refused(tmp_path):
 
 
 def test_load_capture_scene_not_a_mapping_is_named(tmp_path):
-    with pytest.raises(InputError, match="holds no scene"):
-        load_capture_scene(open_capture(write(tmp_path)))
+    stem = write(tmp_path)
+    with pytest.raises(InputError, match="holds no scene; name one with --scene$"):
+        load_capture_scene(open_capture(stem))
+    with pytest.raises(InputError, match="or leave out --datatype to use that of its metadata"):
+        load_capture_scene(open_capture(f"{stem}.sigmf-data", "ci16_le"))
     capture = open_capture(write(tmp_path, **{"wiforce:scene": "demo"}))
     with pytest.raises(InputError, match="wiforce:scene: must hold a mapping .*, got 'demo'"):
         load_capture_scene(capture)

@@ -145,6 +145,9 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
 def _open_raw(path: Path, datatype: str) -> Capture:
     if datatype not in DATATYPES:
         raise InputError("datatype", f"must be one of {', '.join(DATATYPES)}", datatype)
+    meta = path.with_name(f"{path.name}.sigmf-meta")
+    if not path.exists() and meta.exists():
+        raise InputError(path, f"no such file; {meta.name} states its own type: omit --datatype")
     _check_file(path)
     samples = _count(path, datatype, path.stat().st_size)
     return Capture(path, datatype, None, None, (Segment(0, 0, samples),))
