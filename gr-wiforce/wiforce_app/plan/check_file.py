@@ -233,8 +233,9 @@ def _default_frames(capture):
         settings = {"radio": radio, "sounding": {"waveform": waveform}, "sensors": [sensor]}
         try:
             scene = scene_of(capture, settings)[0]
-        except InputError as error:
-            return None, [f"frames were not looked for ({error}); {more}"]
+        except InputError:  # of a key that nobody has written, such as the default clock
+            unlike = "default ones do not fit this sample rate and carrier"
+            return None, [f"no scene is known, and {unlike}: frames were not looked for; {more}"]
         try:
             first, _ = first_frame(capture, scene.waveform())
         except InputError:

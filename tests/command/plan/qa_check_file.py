@@ -225,6 +225,17 @@ def test_check_capture_without_checksum_or_with_gaps_says_so(capture):
     assert "ends 50000 samples before the 500000 that its metadata state" in checked(capture)[1]
 
 
+def test_check_samples_at_a_rate_of_no_default_scene_names_no_key_of_it(capture):
+    """It complained about a clock of 1000 Hz, which nobody had written."""
+    meta = capture.with_suffix(".sigmf-meta")
+    content = json.loads(meta.read_text())
+    del content["global"]["wiforce:scene"]
+    meta.write_text(json.dumps(content))
+    (note,) = checked(capture)[0]["notes"]
+    assert note.startswith("no scene is known, and default ones do not fit this sample")
+    assert note.endswith("name a scene with --scene") and "clock_hz" not in note
+
+
 def test_check_capture_states_levels_of_extreme_and_damaged_floats(capture):
     """It printed inf for squares beyond single precision, and nan for one frame without numbers."""
     usual = checked(capture)[0]["levels"]
