@@ -51,7 +51,7 @@ def export(readings, form, output, scene_path):
     try:
         with (
             replacing(output) as part,
-            _writer(part, source.also, {**source.metadata, **metadata}) as writer,
+            _writer(part, output, source.also, {**source.metadata, **metadata}) as writer,
             progress("exporting", 0) as step,
         ):
             for row in source.rows():
@@ -97,7 +97,9 @@ def _without_field(also, output):
     return [n for n in also if n not in (*fields_of(READING), *STAMP_COLUMNS)]
 
 
-def _writer(path, also, metadata):
+def _writer(path, output, also, metadata):
+    if path.suffix.lower() != output.suffix.lower():
+        raise InputError(output, f"must not be a link to a device or a pipe: {path}")
     if format_of(path) not in OUTPUTS:
         from gnuradio.wiforce.io.files.mcap_file import McapWriter
 

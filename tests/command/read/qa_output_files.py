@@ -263,6 +263,18 @@ def test_export_of_broken_file_is_refused_in_one_line(tmp_path, name, content, r
     assert not (tmp_path / "out.csv").exists() and len(list(tmp_path.iterdir())) < 2
 
 
+def test_export_to_a_link_goes_by_the_name_that_was_given(tmp_path):
+    """A CSV file became an MCAP file, or was refused by an option that the command lacks."""
+    source, link = written(tmp_path / "a.csv"), tmp_path / "out.csv"
+    link.symlink_to(tmp_path / "target.txt")
+    succeeded("export", source, "-o", link)
+    assert (tmp_path / "target.txt").read_text() == source.read_text()
+    link.unlink()
+    link.symlink_to("/dev/full")
+    said = refused("export", source, "-o", link)
+    assert said.endswith("out.csv: must not be a link to a device or a pipe: /dev/full")
+
+
 def test_export_reads_parquet_of_several_captures_with_their_names(tmp_path):
     path = written(tmp_path / "in.parquet", also=("run", "time_utc"))
     table = parquet.read_table(path)

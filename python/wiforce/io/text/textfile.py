@@ -102,12 +102,13 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
     The target of a link is replaced; a device or a pipe is given itself.
     """
+    suffix = Path(path).suffix  # by which the format of what is written is known
     path = Path(os.path.realpath(path))
     if path.exists() and not path.is_file():
         yield path
         return
     # Named after the process: no other file, least of all an input, has this name.
-    part = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    part = path.with_name(f".{path.stem}.{os.getpid()}.part{suffix}")
     try:
         yield part
         if part.exists():
