@@ -147,6 +147,7 @@ def test_read_second_antenna_missing_keeps_earlier_output(demo, tmp_path):
     "options, message",
     [
         (["-o", "out.txt"], "must end in .csv, .jsonl or .parquet"),
+        (["-o", "-"], "-: output must end in .csv, .jsonl or .parquet (standard output: leave -o"),
         (["-o", "none/out.csv"], "none/out.csv: cannot be written"),
         (["--plot", "out.gif"], "name of a picture must end in"),
         (["--datatype", "ci8"], "'ci8' is not one of"),

@@ -213,7 +213,8 @@ def open_writer(
             raise InputError(option, "needs a file as output: -o OUT.csv or OUT.jsonl")
         return ReadingsWriter(path, also=also)
     if form is None or form not in OUTPUTS:
-        raise InputError(path, f"output must end in {suffixes(OUTPUTS)} (MCAP: --mcap FILE)")
+        hint = "standard output: leave -o out" if str(path) == "-" else "MCAP: --mcap FILE"
+        raise InputError(path, f"output must end in {suffixes(OUTPUTS)} ({hint})")
     if form.text and rotation:
         return RotatingWriter(path, rotation, inputs, also)
     if form.text:
