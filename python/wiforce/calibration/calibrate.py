@@ -114,6 +114,9 @@ def calibrate(
     >>> bool(np.all(np.abs(error_deg) < 2.0))
     True
     """
+    if not isinstance(table, CalibrationTable):
+        rule = "must be a CalibrationTable, such as sensor.read_vna_csv gives"
+        raise InputError("table", rule, table)
     given = (length_mm, onset_force_n, permittivity, form, location_steps)
     for (setting, kind), value in zip(_SETTINGS.items(), given, strict=True):
         kind.read(value, KeyPath(setting), Scope())

@@ -213,6 +213,13 @@ def test_repeated_sweeps_with_equal_rounded_phases_are_repeats(own_table, rows):
     )
 
 
+def test_a_path_in_place_of_the_table_is_refused():
+    """It ended in an AttributeError of the inside."""
+    rule = "table: must be a CalibrationTable, such as sensor.read_vna_csv gives, got 'vna.csv'"
+    with pytest.raises(InputError, match=rule):
+        calibrate("vna.csv", "x")
+
+
 def test_settings_that_cannot_be_are_refused(own_table):
     for setting, value in (
         ("form", "septic"),
