@@ -62,14 +62,15 @@ class Console:
             rule = f"the location must be 0 to {pressed.length_mm:g} mm, the length of {sensor}"
             raise InputError("press", rule, location_mm)
         pressed.hold(force_n, location_mm)
+        notes = [air.beyond_calibration(sensor, force_n, location_mm)] if force_n else []
         again = "press again once it says that sensors may be pressed"
         status = self._device.status()
         if not status["rx_streaming"]:
-            note = f"no reader is connected, and this press ends when one starts: {again}"
-            return {"note": note}
-        if status["streaming_s"] <= air.reference_s:
-            return {"note": f"the reader's reference must be untouched: release it, and {again}"}
-        return {}
+            notes.append(f"no reader is connected, and this press ends when one starts: {again}")
+        elif status["streaming_s"] <= air.reference_s:
+            notes.append(f"the reader's reference must be untouched: release it, and {again}")
+        note = "; ".join(filter(None, notes))
+        return {"note": note} if note else {}
 
     def _release(self, sensor):
         self._device.air.sensor(sensor).pressed.hold(0.0, math.nan)

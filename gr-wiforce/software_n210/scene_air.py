@@ -60,6 +60,17 @@ class SceneAir(Cable):
             raise InputError("sensor", f"must be one of the scene's ({known})", name)
         return self._channel.sensors[name]
 
+    def beyond_calibration(self, name, force_n, location_mm):
+        """Where a reader's model was not calibrated for a press, a sentence; empty elsewhere."""
+        for sensor in self._scene.sensors:
+            model = sensor.load_model(self._scene)
+            if sensor.name == name and not np.all(model.in_span([force_n], location_mm)):
+                return (
+                    f"{force_n:g} N at {location_mm:g} mm leave the span that the model of {name} "
+                    "was calibrated for; the force is in newtons"
+                )
+        return ""
+
     def status(self):
         """Force, location and touch of each sensor at the next sample that is received."""
         states = self._channel.touch_state([self._next * self._spacing / TICK_RATE])

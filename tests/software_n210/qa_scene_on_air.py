@@ -176,6 +176,9 @@ def test_emulate_accepts_lines(software_usrp, scene_file):
     answer = device.command("press arm 4.0 45.0")
     assert answer["ok"] and "this press ends when one starts" in answer["note"]
     assert device.command("status")["sensors"]["arm"]["force_n"] == 4.0
+    answer = device.command("press arm 400 45")
+    assert answer["ok"] and "400 N at 45 mm leave the span" in answer["note"]
+    assert "in newtons; no reader is connected" in answer["note"]
     assert device.command("release arm") == {"ok": True}
     for line, rule in (
         ("dance", "must be one of: press SENSOR"),
