@@ -38,6 +38,8 @@ from ..shell.options import (
 from ..shell.provenance import provenance
 
 _LOOK_S = 0.1
+# Of samples without frames, before a shorter run ends: a transmitter needs time to start.
+_LEAST_SEARCH_S = 2.0
 # So that a flood of requests does not delay the warnings.
 _REQUESTS_A_LOOK = 100
 # Options whose text is given to drivers, which take UTF-8.
@@ -114,7 +116,10 @@ _DRIVERS_TAKE = ("args", "tx_args", "antenna", "tx_antenna", "reference")
     help="How soon readings come: 'relaxed' takes less processor time and 20 ms more.",
 )
 @click.option(
-    "--duration", type=FiniteRange(0, min_open=True), help="Seconds to read. Default: until Ctrl-C."
+    "--duration",
+    type=FiniteRange(0, min_open=True),
+    help="Seconds to read from the first frame on; where as many, or 2, hold none, the exit status "
+    "is 1. Default: until Ctrl-C.",
 )
 @click.option(
     "--reconnect", is_flag=True, help="Wait for the device, and open it again when it is lost."
@@ -195,6 +200,9 @@ def live(
     except DeviceLost as lost:
         kept = "all readings until then are kept" if outputs.rows else "there are no readings"
         log.error(f"{lost}; {kept}")
+        return FAILED
+    except _NoFrames as error:
+        log.error(str(error))
         return FAILED
     return 0
 
@@ -346,6 +354,8 @@ def _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **o
                         each.serve(_REQUESTS_A_LOOK)
                     if duration and session.time_s >= duration:
                         ending.request("duration")
+                    elif duration and session.searched_s >= max(duration, _LEAST_SEARCH_S):
+                        raise _NoFrames(session.searched_s)
             finally:
                 service.stopping()
                 keeper.stop()
@@ -363,6 +373,15 @@ def _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **o
     log.info(f"read {monitor.summary()}")
     if ending.failure is not None:
         raise OutputError("--record", f"the recording is incomplete ({ending.failure.strerror})")
+
+
+class _NoFrames(Exception):
+    """Nothing was read in the duration of a run, for want of frames."""
+
+    def __init__(self, searched_s):
+        super().__init__(
+            f"no sounding frames found in {searched_s:.1f} s of samples; there are no readings"
+        )
 
 
 class _Ending:

@@ -175,6 +175,13 @@ class LiveSession:
         return samples / self._scene.radio.sample_rate_hz
 
     @property
+    def searched_s(self) -> float:
+        """Length of the samples in which no frame was found; 0 once one is found."""
+        if self.alignment.offset is not None:
+            return 0.0
+        return self.alignment.items / self._scene.radio.sample_rate_hz
+
+    @property
     def start_s(self) -> float | None:
         """Device time of the first frame's first sample; None before it is found."""
         time = self.alignment.start_time

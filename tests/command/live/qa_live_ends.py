@@ -2,6 +2,7 @@
 """Ends of live runs: killed, out of disk space, started again."""
 
 import json
+import re
 import signal
 import time
 
@@ -12,12 +13,14 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.scene import load_scene
 from live_runs import (
     GAINS,
+    SLOW,
     SLOW_GROUP_S,
     ask,
     connected,
     free_ports,
     live,
     rows_of,
+    scene_file,
 )
 from machine import room_for
 
@@ -63,6 +66,19 @@ def test_live_killed_at_any_moment_keeps_all_but_the_last_second_and_runs_again(
             capture.check_against(load_scene(slow_scene))
     run_until(0.5, signal.SIGTERM)
     assert len(output.read_text().splitlines()) > 0.5 / SLOW_GROUP_S - 2
+
+
+def test_live_duration_without_frames_ends_with_a_sentence(slow_device, tmp_path):
+    """It never ended, and a script that measures for two seconds waited for good."""
+    radio = {**SLOW["radio"], "center_frequency_hz": 902e6}  # where nothing is on the air
+    output = tmp_path / "out.csv"
+    scene = scene_file(tmp_path, [], 400, 0.3, **{**SLOW, "radio": radio})
+    with live(slow_device.args, scene, *GAINS, "-o", output, "--duration", 0.2) as process:
+        _, said = process.communicate(timeout=300)
+    assert process.returncode == 1
+    end = r"gr-wiforce: no sounding frames found in \d\.\d s of samples; there are no readings"
+    assert re.fullmatch(end, said.splitlines()[-1])
+    assert rows_of(output) == []
 
 
 def test_live_full_disk_reports_and_keeps_all_before(slow_scene, slow_device, tmp_path):
