@@ -26,7 +26,8 @@ Bad usage or bad input: one line on standard error names the file or option, the
 Any other failure.
 .TP
 .B 130
-Interrupted by Ctrl\-C.
+Interrupted by Ctrl\-C. What runs until interrupted (live, watch, emulate, read \-\-follow) ends
+with 0 then, as by SIGTERM.
 .TP
 .B 141
 Standard output was closed early, as by head. Nothing is printed.

@@ -93,7 +93,8 @@ def _set_debug(ctx, _, asked):
     groups=_GROUPS,
     examples=("read press -o press.csv --plot press.png",),
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Exit status: 0, 2 bad input, 1 failure, 130 Ctrl-C, 143 SIGTERM, 141 closed.",
+    epilog="Exit status: 0, 2 bad input, 1 failure, 130 Ctrl-C, 143 SIGTERM, 141 closed. What runs "
+    "until interrupted (live, watch, emulate, read --follow) ends with 0 then.",
 )
 @click.option(
     "--version",
@@ -119,7 +120,8 @@ def main(argv=None):
     """Run the command, by default with the arguments of the process; its exit status.
 
     0 success; 2 bad usage or input; 130 interrupted; 143 terminated; 141 standard output's reader
-    is gone; 1 otherwise. Failures print one line on standard error, but for 141.
+    is gone; 1 otherwise. What runs until interrupted ends with 0 then. Failures print one line on
+    standard error, but for 141.
     """
     state = {"debug": False}
     try:
