@@ -64,6 +64,8 @@ def check(file, scene_path, args, datatype, csi_tool, mac, second_antenna, as_js
     With a FILE instead it says what the file is, whether a tag is seen in it, and what to change
     first: channel snapshots (.npz, or a file of a CSI tool) and captures of samples. Where the
     scene of a capture is known, checksum, length, gaps, frames and levels are verified.
+
+    The exit status is 0 also where no frames or no tag are found: see the advice.
     """
     csi = csi_file(csi_tool, mac, second_antenna)
     if file is not None:
