@@ -10,10 +10,8 @@ The same as chain_from_file.grc, without a window:
 Two words that follow are the scene and the type of raw samples: demo ci16_le.
 """
 
-import sys
-
+from command_line import start
 from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import open_capture
 
 
@@ -104,9 +102,4 @@ def main(capture, output, scene=None, datatype=None):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) not in (3, 5):
-        sys.exit("usage: chain_from_file.py CAPTURE READINGS.csv [SCENE ci16_le|cf32_le]")
-    try:
-        main(*sys.argv[1:])
-    except InputError as error:  # no such capture, or not of this scene: a sentence says which
-        sys.exit(str(error))
+    start(main, "CAPTURE READINGS.csv [SCENE ci16_le|cf32_le]", (2, 4))

@@ -10,11 +10,9 @@ Two numbers that follow are the gains of transmitter and receiver in dB; without
 third of its range.
 """
 
-import sys
-
 from chain_from_file import Chain
+from command_line import gains_db, run, start
 from gnuradio import gr, wiforce
-from live_uhd import run, usrp_of
 
 # Groups that may wait while Python pauses: two seconds of the scene `demo`.
 BUFFERED_GROUPS = 56
@@ -27,7 +25,7 @@ class ChainFromUsrp(gr.top_block):
         plan = wiforce.plan(scene)  # the settings of all steps
 
         # Both directions of the device; its samples from the first whole frame on.
-        self.usrp = usrp_of(scene, device, tx_gain, rx_gain)
+        self.usrp = wiforce.usrp(scene, device, tx_gain, rx_gain)
 
         # Preambles (section 3.3): each frame repeats one symbol; the mean of the repetitions is a
         # snapshot of the channel. Samples that were lost are noticed by the tag rx_time.
@@ -42,16 +40,11 @@ class ChainFromUsrp(gr.top_block):
         self.chain.connect(self, self.fold)
 
 
-def main(device, scene, tx_gain=None, rx_gain=None):
-    flowgraph = ChainFromUsrp(device, scene, print, tx_gain, rx_gain)
+def main(device, scene, *gains):
+    flowgraph = ChainFromUsrp(device, scene, print, *gains_db(gains))
     run(flowgraph)
     flowgraph.chain.check()
 
 
 if __name__ == "__main__":
-    if len(sys.argv) not in (3, 5):
-        sys.exit(
-            "usage: chain_from_usrp.py DEVICE SCENE [TX_GAIN RX_GAIN], "
-            "for example: chain_from_usrp.py type=b200 demo"
-        )
-    main(*sys.argv[1:3], *map(float, sys.argv[3:]))
+    start(main, "DEVICE SCENE [TX_GAIN RX_GAIN]", (2, 4), "type=b200 demo")

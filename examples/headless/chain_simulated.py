@@ -14,6 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 from chain_from_file import Chain, steps_to_force
+from command_line import start
 from gnuradio import blocks, gr, wiforce
 from press_simulation import PRESSES, SimulatedSensor, print_reading
 
@@ -108,4 +109,4 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    start(main)

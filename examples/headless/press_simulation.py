@@ -6,6 +6,7 @@ The same as press_simulation.grc, without a window.
 """
 
 import numpy as np
+from command_line import start
 from gnuradio import blocks, channels, gr, wiforce
 
 # Time (s), force (N) and location (mm from port 1). The first 0.5 s are the untouched reference.
@@ -72,4 +73,4 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    start(main)

@@ -8,10 +8,8 @@ The same as read_recording.grc, without a window:
     build/run python3 examples/headless/read_recording.py table readings.csv tabletop
 """
 
-import sys
-
+from command_line import start
 from gnuradio import gr, wiforce
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import open_capture
 
 
@@ -29,9 +27,4 @@ def main(capture, output, scene):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 4:
-        sys.exit("usage: read_recording.py CAPTURE READINGS.csv SCENE")
-    try:
-        main(*sys.argv[1:])
-    except InputError as error:  # no such capture, or not of this scene: a sentence says which
-        sys.exit(str(error))
+    start(main, "CAPTURE READINGS.csv SCENE", (3,))

@@ -5,13 +5,13 @@
 The same as record_uhd.grc, without a window:
 
     record_uhd.py addr=192.168.10.2 scene.yaml press
-    gr-wiforce read press --scene scene.yaml
+    gr-wiforce read press
 """
 
-import sys
+from pathlib import Path
 
+from command_line import run, start
 from gnuradio import gr, wiforce
-from live_uhd import run, usrp_of
 
 
 def main(device, scene, name):
@@ -22,13 +22,11 @@ def main(device, scene, name):
         sample_rate=scene.radio.sample_rate_hz,
         center_frequency=scene.radio.center_frequency_hz,
         item_type="sc16",
-        fields={"core:hw": device},
+        fields={"core:hw": device, "wiforce:scene": scene.as_dict(Path(name))},
     )
-    flowgraph.connect(usrp_of(scene, device), recorder)
+    flowgraph.connect(wiforce.usrp(scene, device), recorder)
     run(flowgraph)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 4:
-        sys.exit("usage: record_uhd.py DEVICE SCENE RECORDING")
-    main(*sys.argv[1:])
+    start(main, "DEVICE SCENE RECORDING", (3,))

@@ -7,10 +7,9 @@ The same as transmit_uhd.grc, without a window:
     transmit_uhd.py addr=192.168.10.2 scene.yaml
 """
 
-import sys
-
+from command_line import run, start
 from gnuradio import gr, uhd, wiforce
-from live_uhd import run
+from gnuradio.wiforce.errors import InputError
 
 GAIN_DB = 15.0
 
@@ -27,7 +26,8 @@ def main(device, scene):
     try:
         transmitter = uhd.usrp_sink(device, stream)
     except (RuntimeError, LookupError) as error:
-        sys.exit(f"no USRP answers to {device!r}: {error}")
+        reason = " ".join(str(error).split())
+        raise InputError("device", f"must be a USRP that answers ({reason})", device) from error
     transmitter.set_samp_rate(scene.radio.sample_rate_hz)
     transmitter.set_center_freq(scene.radio.center_frequency_hz)
     transmitter.set_gain(GAIN_DB)
@@ -37,6 +37,4 @@ def main(device, scene):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit("usage: transmit_uhd.py DEVICE SCENE")
-    main(*sys.argv[1:])
+    start(main, "DEVICE SCENE", (2,))

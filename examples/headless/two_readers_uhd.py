@@ -7,12 +7,11 @@ The same as two_readers_uhd.grc, without a window:
     two_readers_uhd.py addr=192.168.10.2 scene.yaml addr=192.168.10.3 other.yaml
 """
 
-import sys
 from functools import partial
 from threading import Lock
 
+from command_line import run, start
 from gnuradio import gr, wiforce
-from live_uhd import run, usrp_of
 
 printing = Lock()
 
@@ -27,11 +26,9 @@ def main(*devices_and_scenes):
     flowgraph = gr.top_block("two_readers_uhd", catch_exceptions=False)
     for device, scene in zip(devices_and_scenes[::2], devices_and_scenes[1::2], strict=True):
         reader = wiforce.reader(scene, input_type="sc16", on_reading=partial(show, device))
-        flowgraph.connect(usrp_of(scene, device), reader)
+        flowgraph.connect(wiforce.usrp(scene, device), reader)
     run(flowgraph)
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 5:
-        sys.exit("usage: two_readers_uhd.py DEVICE SCENE DEVICE SCENE")
-    main(*sys.argv[1:])
+    start(main, "DEVICE SCENE DEVICE SCENE", (4,))

@@ -5,6 +5,7 @@
 The same as two_sensors.grc, without a window.
 """
 
+from command_line import start
 from gnuradio import blocks, gr, wiforce
 
 FORCES_N = (3.0, 5.0)
@@ -53,4 +54,4 @@ class TwoSensors(gr.top_block):
 
 
 if __name__ == "__main__":
-    TwoSensors().run()
+    start(lambda: TwoSensors().run())

@@ -15,10 +15,9 @@ from zmq.auth import load_certificate
 
 endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp://127.0.0.1:5555"
 if len(sys.argv) > 3 or "://" not in endpoint:
-    sys.exit(
-        "usage: zmq_client.py [ENDPOINT [NAME.key_secret]], "
-        "for example: zmq_client.py tcp://127.0.0.1:5555"
-    )
+    usage = "usage: zmq_client.py [ENDPOINT [NAME.key_secret]]"
+    print(f"{usage}, for example: zmq_client.py tcp://127.0.0.1:5555", file=sys.stderr)
+    sys.exit(2)
 subscriber = zmq.Context().socket(zmq.SUB)
 if len(sys.argv) == 3:
     secret = Path(sys.argv[2])

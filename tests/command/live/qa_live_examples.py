@@ -64,7 +64,7 @@ def test_readme_lines_replace_the_file_by_a_radio(device, scene):
 
 @contextmanager
 def running(*words, **options):
-    """A program that ends when Enter is pressed; what it prints goes to ``lines``."""
+    """A program that ends when its input does; what it prints goes to ``lines``."""
     process = subprocess.Popen(
         [sys.executable, *map(str, words)],
         stdin=subprocess.PIPE,
@@ -78,7 +78,6 @@ def running(*words, **options):
     try:
         yield process
         with suppress(BrokenPipeError):  # ended before
-            process.stdin.write("\n")
             process.stdin.close()
         assert process.wait(timeout=300) == 0, process.lines
     finally:
@@ -115,7 +114,50 @@ def test_example_record_uhd_recording_can_be_read(device, scene, tmp_path):
     enough = 1.3 * rate * SAMPLE_BYTES
     with example("record_uhd.py", args_of(device), scene, tmp_path / "press") as process:
         wait_until(lambda: samples.exists() and samples.stat().st_size > enough, process=process)
-    succeeded("read", tmp_path / "press", "--scene", scene, "-o", tmp_path / "press.csv")
+    succeeded("read", tmp_path / "press", "-o", tmp_path / "press.csv")
     rows = rows_of(tmp_path / "press.csv")
     assert len(rows) > 1.2 / SLOW_GROUP_S
     assert any(row["touch"] == "1" for row in rows)
+
+
+def test_example_ended_by_ctrl_c_or_without_input_leaves_no_traceback(device, scene, tmp_path):
+    """A service without input left an empty recording, which stood in the way of its next run."""
+    command = [EXAMPLES / "headless/record_uhd.py", args_of(device), scene, tmp_path / "run"]
+    for number in (None, signal.SIGINT, signal.SIGTERM):
+        source = subprocess.DEVNULL if number is None else subprocess.PIPE
+        process = subprocess.Popen(
+            [sys.executable, "-u", *map(str, command)],
+            stdin=source,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        with process:
+            if number is not None:
+                while "to end" not in process.stdout.readline():
+                    pass
+                process.send_signal(number)
+            assert process.wait(timeout=300) == 0
+            assert "Traceback" not in process.stderr.read()
+        left = sorted(path.suffix for path in tmp_path.iterdir())
+        assert left in ([], [".sigmf-data", ".sigmf-meta"])
+        for path in tmp_path.iterdir():
+            assert path.stat().st_size > 0
+            path.unlink()
+
+
+def test_example_refuses_bad_input_in_a_sentence(device, scene, tmp_path):
+    (tmp_path / "run.sigmf-data").write_text("precious")
+    for words, said in (
+        (["record_uhd.py", args_of(device), scene, tmp_path / "run"], "run.sigmf-data: exists al"),
+        (["record_uhd.py"], "usage: record_uhd.py DEVICE SCENE RECORDING"),
+        (["live_uhd.py", args_of(device), scene, "x", "y"], "gains: must be numbers, in dB, got"),
+        (["transmit_uhd.py", "type=usrp2,addr=127.255.255.254", scene], "device: must be a USRP t"),
+        (["press_simulation.py", "x"], "usage: press_simulation.py"),
+    ):
+        script, *arguments = words
+        command = [sys.executable, EXAMPLES / "headless" / script, *arguments]
+        done = subprocess.run(map(str, command), capture_output=True, text=True, timeout=300)
+        assert done.returncode == 2 and said in done.stderr.splitlines()[-1], done.stderr
+        assert "Traceback" not in done.stderr
+    assert (tmp_path / "run.sigmf-data").read_text() == "precious"
