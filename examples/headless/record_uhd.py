@@ -4,8 +4,8 @@
 
 The same as record_uhd.grc, without a window:
 
-    record_uhd.py addr=192.168.10.2 scene.yaml press
-    gr-wiforce read press
+    record_uhd.py addr=192.168.10.2 scene.yaml recorded
+    gr-wiforce read recorded
 """
 
 from pathlib import Path
