@@ -94,10 +94,11 @@ void clock_tracker::advance(double at_s)
 }
 
 // Whether the energy above that of noise, 2 per subcarrier, is about as expected.
-bool clock_tracker::is_present(double measured, double expected) const
+bool clock_tracker::shown_by(const std::array<double, 3>& likelihood,
+                             double noise_level) const
 {
-    const double excess = measured - 2 * subcarriers;
-    expected -= 2 * subcarriers;
+    const double excess = likelihood[0] - 2 * subcarriers,
+                 expected = energy / noise_level - 2 * subcarriers;
     const double spread = 3 * std::sqrt(2 * subcarriers + 2 * std::max(expected, 0.0));
     return excess > std::min(presence * expected, expected - spread);
 }
@@ -109,7 +110,7 @@ bool clock_tracker::update(double at_s,
 {
     advance(at_s);
     const auto [here, slope, bend] = likelihood;
-    if (!is_present(here, energy / noise_level))
+    if (!shown_by(likelihood, noise_level))
         return false;
     groups = std::min(groups + 1, curvature_memory);
     energy += (noise_level * here - energy) / groups;

@@ -55,6 +55,10 @@ public:
         return phase + (nominal_rate + rate) * (at_s - time_s);
     }
 
+    // Whether a group with this likelihood at the predicted phase, as for `update`, holds
+    // the tag.
+    bool shown_by(const std::array<double, 3>& likelihood, double noise_level) const;
+
     // Advances to a time and corrects by the group's likelihood; false when it lacks the
     // tag, and the clock then coasts. `likelihood`: J, J' and J'' of the group at the
     // predicted phase, without the other tags. `noise_level`: scales the energy of a mean
@@ -73,7 +77,6 @@ public:
 
 private:
     void advance(double at_s);
-    bool is_present(double measured, double expected) const;
 };
 
 } // namespace gr::wiforce::kernel

@@ -203,13 +203,14 @@ struct end_separation::one {
     std::vector<complex>& parts;         // M x K; once fitted without spread lines
     std::vector<complex>& white;         // and whitened, then
     std::vector<double> phase{}, rate{}; // of the tags' clocks
-    std::vector<char> received{};
-    std::vector<double> switched{}; // M x 4S, what the waveforms leave in the parts
+    std::vector<char> received{};        // whether this group shows them
+    std::vector<double> switched{};      // M x 4S, what the waveforms leave in the parts
     bool fitted = false;
 
     void receive()
     {
         const std::size_t rows = of.weights->tones();
+        received.resize(tags.size());
         parts.resize(rows * subcarriers);
         std::visit(
             [&](const auto* tones) { parts_of(tones, rows, subcarriers, parts.data()); },
@@ -217,7 +218,6 @@ struct end_separation::one {
         for (const auto& each : tags) {
             phase.push_back(each.clock->predict(of.center_s));
             rate.push_back(each.clock->rate);
-            received.push_back(each.clock->seen_s >= of.center_s - 1e-9);
         }
     }
 
@@ -276,15 +276,16 @@ end_separation::separated end_separation::process(const std::vector<tag>& tags,
         one next{ found.groups, subcarriers, group, tags,  noise,
                   spread,       wander,      found, parts, white };
         next.receive();
-        if (update)
-            correct_clocks(next);
+        find_tags(next, update);
         separate(next, update);
         found.groups++;
     }
     return found;
 }
 
-void end_separation::correct_clocks(one& group) const
+// Whether the group holds each tag: a tag that was acquired in other groups may be silent
+// in this one.
+void end_separation::find_tags(one& group, bool correct) const
 {
     const auto& tags = group.tags;
     const std::size_t subcarriers = group.subcarriers;
@@ -316,6 +317,10 @@ void end_separation::correct_clocks(one& group) const
             group.phase[i], own.data(), inverse_noise, subcarriers);
         for (double& each : likelihood)
             each /= weights.loss;
+        if (!correct) {
+            group.received[i] = clock.shown_by(likelihood, noise_level);
+            continue;
+        }
         group.received[i] = clock.update(group.of.center_s,
                                          likelihood,
                                          noise_level,

@@ -107,7 +107,7 @@ public:
 private:
     struct one; // group that is being separated
 
-    void correct_clocks(one& of) const;
+    void find_tags(one& in, bool correct) const; // `correct`: clocks as well
     void separate(one& of, bool update);
 
     const settings d_settings;

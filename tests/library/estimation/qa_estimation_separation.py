@@ -140,6 +140,16 @@ def test_separation_tag_switched_off_is_not_locked():
     assert not results.locked.any()
 
 
+def test_separation_tag_silent_in_a_group_of_the_acquisition_is_no_part_of_the_reference():
+    """Else noise is the first thing that is known of the sensor, and its presses are unreadable."""
+    air = make_air(625, [TagOnAir(start_cycles=0.2, untouched_deg=(35.0, -80.0))], 19, 10.0)
+    silent = np.isin(np.arange(16), (0, 4))
+    results = run_chain(make_plan(), air, 16, on=lambda group: not silent[group])
+    assert np.array_equal(results.locked[:, 0], ~silent)
+    assert np.array_equal(results.in_reference[:12, 0], ~silent[:12])
+    assert np.abs(results.ratios[1]) == pytest.approx([1, 1], abs=0.01)
+
+
 def test_separation_tag_switched_on_again_is_acquired_and_keeps_its_reference():
     """Its clock starts anew at any phase: the two ends must not turn with it."""
     tags = [TagOnAir(start_cycles=0.2, untouched_deg=(35.0, -80.0), touched_deg=(95.0, -20.0))]

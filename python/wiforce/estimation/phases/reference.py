@@ -221,11 +221,7 @@ class ConjugateDifference:
             return group
         if self._next_stop is None:
             self._next_stop = index + self.reference_groups
-        received = np.isfinite(group.gain[0])
-        if group.locked is not None:
-            # Before a silent tag is dropped its ends are still solved for, and are noise.
-            received &= np.repeat(group.locked[0], 2)
-        new.add(group, received)
+        new.add(group, _received(group))
         return group.having(in_tare=np.ones(1, bool))
 
     def _adopt(self, new: ReferenceMean, index: int) -> None:
@@ -251,8 +247,8 @@ class ConjugateDifference:
         step = self._step_of_reference if self._begins else self._no_step
         group = group.having(new_reference=np.array([self._begins]), reference_step=step[None])
         self._begins = False
-        index, gain = int(group.index[0]), group.gain[0]
-        received, stop = np.isfinite(gain), self._reference_end(index, gain)
+        index, received = int(group.index[0]), _received(group)
+        stop = self._reference_end(index, received)
         if self._against_previous:
             return self._step(group, received)
         learning = received & (index < stop)
@@ -263,12 +259,12 @@ class ConjugateDifference:
             return group[:0]
         return self.flush()
 
-    def _reference_end(self, index: int, gain: Array) -> Array:
+    def _reference_end(self, index: int, received: Array) -> Array:
         """First group after each end's reference; ends received later get a later reference."""
         stop = self._stop
         if stop is None:
             stop = np.full(self._ends, index + self.reference_groups)
-        late = np.isfinite(gain) & (self._reference.precision == 0) & (index >= stop)
+        late = received & (self._reference.precision == 0) & (index >= stop)
         self._late |= late
         self._stop = np.where(late, index + self.reference_groups, stop)
         return self._stop
@@ -327,6 +323,15 @@ class ConjugateDifference:
             late_reference=self._late[None].repeat(count, axis=0),
             **arrays,
         )
+
+
+def _received(group: Groups) -> Array:
+    """Which ends (2S,) of a single group were received."""
+    received = np.isfinite(group.gain[0])
+    if group.locked is not None:
+        # While a tag is silent its ends are still solved for, and are noise.
+        received &= np.repeat(group.locked[0], 2)
+    return received
 
 
 class SubcarrierAverage:
