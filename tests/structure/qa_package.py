@@ -66,7 +66,7 @@ def test_receivers_and_simulation_accept_the_scenes_that_read_accepts(tmp_path):
     for scene in (SHORT, tmp_path / "scene.yaml", str(tmp_path / "scene.yaml"), load_scene(SHORT)):
         for receiver in (wiforce.Receiver, StreamReader):
             assert receiver(scene).plan.group_length == 125
-        assert len(wiforce.simulate(scene, tmp_path / "press")) == 3
+        assert len(wiforce.simulate(scene, tmp_path / "press", overwrite=True)) == 3
         reader = RecordingReader(open_capture(tmp_path / "press"), scene, frame_offset=0)
         assert reader.plan.group_length == 125
     assert wiforce.Receiver("demo").plan.scene == load_scene("demo")
