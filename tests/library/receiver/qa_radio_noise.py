@@ -25,7 +25,7 @@ SCENE = {
 
 def read(folder, **simulation):
     scene = SCENE | {"simulation": SCENE["simulation"] | simulation}
-    wiforce.simulate(scene, folder / "press")
+    wiforce.simulate(scene, folder / "press", overwrite=True)
     readings = wiforce.read(folder / "press")
     truth = pandas.read_csv(folder / "press.truth.csv").iloc[: len(readings)]
     both = (readings.touch.to_numpy() == 1) & (truth.touch.to_numpy() == 1)
