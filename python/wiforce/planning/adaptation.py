@@ -11,7 +11,6 @@ import numpy as np
 from ..estimation.clocks.tracked_tag import TagClock
 from ..estimation.room.clock_lines import measured
 from ..estimation.room.sources import Source
-from ..estimation.room.steady_tags import steady_part
 from ..estimation.room.survey import LONGEST_S, SHORTEST_S, Survey, survey_channel
 from ..signal.lines import CLUTTER_MARGIN, RoomNoise
 from ..signal.switching import harmonics
@@ -51,7 +50,7 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
         return plan
     plan = _with_band(plan, survey)
     length, clutter_hz = plan.group_length, plan.clutter_hz
-    if not _disturbs(survey, plan):
+    if room_noise_of_tones(plan.table, survey.noise(length, clutter_hz)).max() < NEGLIGIBLE:
         return plan
     solved = []
     for source in [source for source in survey.sources if source.kind == "tag"][:_MOST_TAGS]:
@@ -71,12 +70,6 @@ def adapted(plan: Plan, survey: Survey | None) -> Plan:
     # Where this leaves no line to read, the power in a single subcarrier may leave some.
     colored = replace(plan, room=survey.noise(length, clutter_hz, solved, averaged=False))
     return colored if colored.separable else plan
-
-
-def _disturbs(survey: Survey, plan: Plan) -> bool:
-    """Whether the weights of a plan let noise of the room through."""
-    room = survey.noise(plan.group_length, plan.clutter_hz)
-    return bool(room_noise_of_tones(plan.table, room).max() >= NEGLIGIBLE)
 
 
 def expecting_snr(plan: Plan, survey: Survey | None) -> Plan:
@@ -207,11 +200,5 @@ def survey_reference(plan: Plan, snapshots: np.ndarray, folded: np.ndarray) -> S
     # NumPy 2 transforms single precision in single precision.
     channel = np.fft.fft(max(runs, key=len).astype(complex))[:, bins]
     channel *= waveform.equalizer()[bins]
-    known = waveform, plan.clocks, plan.require_scene().environment.possible_mains_hz
-    survey = survey_channel(channel, *known)
-    if survey is None or plan.estimator != "harmonic" or not _disturbs(survey, plan):
-        return survey
-    # A tag that changes within the survey disturbs its own lines, and is no part of the room.
-    clocks_hz = [line.clock_hz for line in survey.clocks]
-    steady = steady_part(channel, waveform.snapshot_period_s, clocks_hz, plan.harmonics)
-    return survey_channel(channel[steady], *known) or survey
+    mains_hz = plan.require_scene().environment.possible_mains_hz
+    return survey_channel(channel, waveform, plan.clocks, mains_hz)

@@ -12,7 +12,6 @@ from gnuradio.wiforce.planning.adaptation import (
     adapted,
     expecting_snr,
     room_noise_of_tones,
-    survey_reference,
 )
 from gnuradio.wiforce.planning.findings import findings
 from gnuradio.wiforce.planning.plan import Plan, plan
@@ -207,21 +206,6 @@ def test_clutter_wider_than_planned_widens_the_band(own_plan):
     # A band that the scene states is kept.
     stated = settings(moving_clutter_hz=30.0)
     assert adapted(stated, survey).clutter_hz == stated.clutter_hz == 30
-
-
-@pytest.mark.parametrize("begins", [2500, 3900, 4900])
-def test_press_within_the_survey_is_no_noise_of_the_room(own_plan, begins):
-    """Else the weights remove the tag's own lines, and the whole recording is unreadable."""
-    pressed = np.arange(COUNT)[:, None] >= begins
-    lamp = lamps(60.0, 0.5)
-    for parts in ((), (lamp,)):
-        channel = room(*parts, 8.0 * np.where(pressed, square(OWN_HZ, 8), square(OWN_HZ, 0)), own=0)
-        spectrum = np.zeros((COUNT, 64), complex)
-        spectrum[:, WAVEFORM.bins] = channel / WAVEFORM.equalizer()[WAVEFORM.bins]
-        survey = survey_reference(own_plan, np.arange(COUNT), np.fft.ifft(spectrum))
-        assert abs(survey.clocks[0].clock_hz - OWN_HZ) < 0.2
-        assert [source.kind for source in survey.sources] == ["lamps"] * len(parts)
-        assert (adapted(own_plan, survey) is own_plan) == (not parts)
 
 
 def test_unusable_channel_gives_no_survey():

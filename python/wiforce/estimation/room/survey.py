@@ -68,7 +68,7 @@ _ROUNDING = 1e-20
 # standard deviation of 9 %. Where the noise of subcarriers is not independent, this many standard
 # deviations of a chi-squared variable.
 _SIGNIFICANT = 1.6
-SIGNIFICANT_STDS = 5.6
+_SIGNIFICANT_STDS = 5.6
 # Lines of a tag that are expected below this part of the floor need not be masked.
 _INVISIBLE = 0.1
 # Side lobes of the window, and how much stronger a tag's lines may be than ideal switches make
@@ -250,7 +250,7 @@ def _significant(spectrum: Array, subcarriers: int) -> float:
     looks = (middle / max(middle - low, 1e-9)) ** 2
     if looks > subcarriers:
         return _SIGNIFICANT
-    return max(_SIGNIFICANT, float(chi_squared_limit(looks, SIGNIFICANT_STDS)))
+    return max(_SIGNIFICANT, float(chi_squared_limit(looks, _SIGNIFICANT_STDS)))
 
 
 def _own_lines(frequency_hz: Array, clocks: Sequence[ClockLine], waveform: Waveform) -> Array:
