@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Transmit with one USRP and record the received samples as SigMF.
 
-The same as record_uhd.grc, without a window:
+As record_uhd.grc, without a window, and with the scene in the metadata:
 
     record_uhd.py addr=192.168.10.2 scene.yaml recorded
     gr-wiforce read recorded

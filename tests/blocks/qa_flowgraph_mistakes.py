@@ -172,17 +172,11 @@ SHORT["simulation"]["presses"][0] |= {"start_s": 0.5, "hold_s": 0.2}
 
 
 # Of a press in a part of it, 0.15 s after the start, and of one that later groups solve.
-@pytest.mark.parametrize(
-    "scene, first, said",
-    [
-        (SHORT, 2431 * 360, "was touched in 4 groups of the reference"),
-        ("tabletop", round(1.2 * 1.25e6), "it may have been touched while its reference"),
-    ],
-)
-def test_reader_names_a_press_in_the_reference(tmp_path, scene, first, said):
+@pytest.mark.parametrize("scene, first", [(SHORT, 2431 * 360), ("tabletop", round(1.2 * 1.25e6))])
+def test_reader_names_a_press_in_the_reference(tmp_path, scene, first):
     """It looks like noise around the tag's lines: the message blamed the scene, or none came."""
     (sentence,) = said_of(press_codes_of(scene, tmp_path)[first:], scene)
-    assert sentence.startswith(f"reader: arm: {said}")
+    assert sentence.startswith("reader: arm: it may have been touched while its reference")
 
 
 def watched(folded=None):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sources: format, lint, types, names of tags in both languages, constants that are given once."""
+"""Sources: format, lint, types, names of tags in both languages."""
 
 import importlib.util
 import re

@@ -46,8 +46,9 @@ private:
     static static_path path_of(const group& of);
 
     const double d_share;
-    // Of the last group that was received: of which half or more is that of the one
-    // before, or of the last that was.
+    // Of the last group that was received: most of whose path is that of the one before
+    // it, or of the group just before (a new path counts when it is seen again). Noise on
+    // many subcarriers is neither.
     static_path d_static;
     std::vector<complex> d_ratios;
     static_path d_before; // of the last group

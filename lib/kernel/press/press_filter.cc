@@ -431,7 +431,7 @@ double press_filter::turn_probability(const explanation& of) const
     return happens(learned(d_set.turns, of.turn.seen, of.turn.watched_s) / 2);
 }
 
-// Where the tag does not turn by itself.
+// That a hand comes near, and the tag does not turn by itself.
 double press_filter::hand_probability(const explanation& of) const
 {
     return (1 - turn_probability(of)) *

@@ -200,8 +200,8 @@ struct end_separation::one {
     spread_lines* const spread;
     const remove_wander& wander;
     separated& found;
-    std::vector<complex>& parts;         // M x K; once fitted without spread lines
-    std::vector<complex>& white;         // and whitened, then
+    std::vector<complex>& parts; // M x K; from the first fit on without spread lines
+    std::vector<complex>& white; // those, whitened, by the first fit
     std::vector<double> phase{}, rate{}; // of the tags' clocks
     std::vector<char> received{};        // whether this group shows them
     std::vector<double> switched{};      // M x 4S, what the waveforms leave in the parts
@@ -294,7 +294,7 @@ void end_separation::find_tags(one& group, bool correct) const
     std::vector<clock_tracker::measurement> errors;
     std::vector<complex> own;
     std::optional<end_fit> fit;
-    auto& parts = group.parts; // which the fit no longer needs
+    auto& parts = group.parts; // only what is whitened is fitted once they are changed
     if (tags.size() > 1 || d_settings.jointly || group.spread) {
         fit.emplace(group.fit(d_settings.averaging_s));
         if (d_settings.jointly)

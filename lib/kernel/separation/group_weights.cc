@@ -72,12 +72,12 @@ group_weights::group_weights(const std::vector<double>& mixer,
       d_width((d_tones + 7) / 8 * 8),
       d_times_s(std::move(times_s)),
       d_whitener(std::move(whitener)),
-      d_from((d_times_s.size() + 1) * d_width)
+      d_sums_to_end((d_times_s.size() + 1) * d_width)
 {
     for (std::size_t i = d_times_s.size(); i-- > 0;)
         for (std::size_t tone = 0; tone < d_tones; tone++)
-            d_from[i * d_width + tone] =
-                d_from[(i + 1) * d_width + tone] + mixer[i * d_tones + tone];
+            d_sums_to_end[i * d_width + tone] =
+                d_sums_to_end[(i + 1) * d_width + tone] + mixer[i * d_tones + tone];
 }
 
 std::vector<double> group_weights::switched(const switching_clock* clocks,
@@ -116,7 +116,7 @@ void group_weights::add_mixed(const std::vector<double>& first,
     for (std::size_t from = 0; from < count; from += at_once) {
         for (std::size_t j = 0; j < at_once; j++) {
             const std::size_t i = from + j < count ? changed[from + j] : 0;
-            rows[j] = &d_from[i * d_width];
+            rows[j] = &d_sums_to_end[i * d_width];
             by[j] = i ? first[i] - first[i - 1] : from + j ? 0 : first[0];
             also[j] = i ? second[i] - second[i - 1] : from + j ? 0 : second[0];
         }
@@ -179,7 +179,8 @@ std::vector<double> group_weights::steps(const switching_clock& at,
         const auto first = std::min(static_cast<std::size_t>(sample), length - 1);
         const double late = sample - first,
                      step = (slope[i] > 0 ? 1.0 : -1.0) / repetitions;
-        const double *const from = &d_from[i * d_width], *const next = from + d_width;
+        const double *const from = &d_sums_to_end[i * d_width], *const next =
+                                                                    from + d_width;
         double* const to = &steps[first * d_width];
         // An edge within a sample leaves the mean over it; behind the last one nothing
         // follows.

@@ -81,8 +81,8 @@ public:
                                  std::size_t tags) const;
 
     // What each sample of a symbol leaves in the parts, through one of a tag's two
-    // switches, more than the sample before: N x M, in rows of `width()`. Of the first,
-    // where it is unknown whether the switch is on, that of an edge in it.
+    // switches, more than the sample before: N x M, in rows of `width()`. The first row
+    // holds only edges within that sample: the level before it is not known here.
     // `repetitions` of the symbol are averaged.
     std::vector<double> steps(const switching_clock& at,
                               const switching_pulses& of,
@@ -107,7 +107,7 @@ private:
     const std::vector<double> d_times_s, d_whitener;
     // Sums of the mixer's rows from each snapshot to the last, and a row of zeros:
     // waveforms change at few snapshots.
-    std::vector<double> d_from;
+    std::vector<double> d_sums_to_end;
 };
 
 } // namespace gr::wiforce::kernel

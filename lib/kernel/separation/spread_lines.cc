@@ -46,7 +46,7 @@ void add_passed(std::array<passing, 2>& of, std::size_t width, double* samples)
 
 // sum += factor x row
 WIFORCE_CLONES
-void add_scaled(double factor, const double* row, std::vector<double>& sum)
+void add_row(double factor, const double* row, std::vector<double>& sum)
 {
     for (double& each : sum)
         each += factor * *row++;
@@ -133,7 +133,7 @@ std::vector<double> spread_lines::passed(const complex* symbols,
             for (std::size_t tone = 0; tone < weights.tones(); tone++)
                 course[tone] = switched[tone * 2 * ends + end];
             for (std::size_t n = 0; n < length; n++)
-                add_scaled(double(n) / length - 1, &steps[n * width], course);
+                add_row(double(n) / length - 1, &steps[n * width], course);
         }
         add_passed(both, width, samples.data());
     }

@@ -279,7 +279,8 @@ class GroupWeights(group_weights):
     ``line_gain`` (M, 1) is 1 / ``ToneTable.symbol_gain``, ``loss`` N over n, ``times_s`` (n,) are
     times from the group's centre. ``whitener`` (M, M) makes the noise of the tones' parts
     (``signal.weights.parts_of``) white, with the variance of H, ``colorer`` tones of these;
-    ``mix`` leads from snapshots to whitened parts, ``switched`` from clocks.
+    ``parts`` (M, n) leads from snapshots to parts, ``mixer`` (n, M) and ``mix`` to whitened ones,
+    ``switched`` from clocks.
     """
 
     def __init__(
