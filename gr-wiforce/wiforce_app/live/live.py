@@ -118,8 +118,8 @@ _DRIVERS_TAKE = ("args", "tx_args", "antenna", "tx_antenna", "reference")
 @click.option(
     "--duration",
     type=FiniteRange(0, min_open=True),
-    help="Seconds to read from the first frame on; where as many, or 2, hold none, the exit status "
-    "is 1. Default: until Ctrl-C.",
+    help="Seconds to read, from the first frame on. If none is found in that time, and at least "
+    "2 s, the exit status is 1. Default: until Ctrl-C.",
 )
 @click.option(
     "--reconnect", is_flag=True, help="Wait for the device, and open it again when it is lost."

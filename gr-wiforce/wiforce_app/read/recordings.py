@@ -51,6 +51,8 @@ def open_reader(recording, settings, frame_offset, tracked):
 def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on_groups=None):
     """Read a whole recording for another command, and warn of what was wrong with it."""
     reader = RecordingReader(recording, plan(scene), frame_offset, tracked, on_groups)
+    if recording.incomplete:
+        warn(recording.path, recording.incomplete)
     warn_of_unequal_antennas(reader)
     for batch in reader:
         for reading in batch:

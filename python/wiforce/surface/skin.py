@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 _MOST_POINTS = 200
 _MOST_STRIPS = 16
+_MOST_SUSPICIONS = 16
 _LEAST_STEP_MM = 0.01
 _POSITION_MM = 10_000
 # Shares of a table that was calibrated by earlier versions may rise by their noise.
@@ -169,7 +170,7 @@ class Spreading:
     )
     source: str | None = key(Text(limit=1000, optional=True), doc="Where the law comes from.")
     suspicions: tuple[str, ...] | None = key(
-        ListOf(of=Text(limit=1000), least=1, most=_MOST_STRIPS, items="texts", optional=True),
+        ListOf(of=Text(limit=1000), least=1, most=_MOST_SUSPICIONS, items="texts", optional=True),
         doc="Likely mistakes in the taps that whoever calibrated has accepted; `plan` and `read` "
         "repeat them.",
     )

@@ -61,7 +61,7 @@ class Capture:
         if lacking := max(0, self.stated_samples - self.samples):
             return (
                 f"ends {lacking} samples before the {self.stated_samples} that its metadata state: "
-                "only a part of it is read; was it copied completely?"
+                "only a part of it is read; was it copied completely, or is it still written?"
             )
         if cut := self.cut_bytes:
             left = "1 byte is" if cut == 1 else f"{cut} bytes are"
