@@ -154,6 +154,12 @@ struct explanation {
     void recount(const pair_of_ends& phase, const pair_of_ends& gain);
     //! Become one with another of the same kind, which has a share of both weights.
     void merge(const explanation& other, double share);
+    //! Amplitudes of line and press change alike, by anything of this variance, Np^2.
+    void widen_amplitudes(double variance)
+    {
+        line.amplitude.mean_variance += variance;
+        press.strength.mean_variance += variance;
+    }
     //! Press from where it is now.
     void hold_level()
     {

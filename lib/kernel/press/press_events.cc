@@ -337,11 +337,8 @@ void press_filter::turn_unseen(explanation& to, double part) const
     to.line.common.widen(squared(by) / 12 + bends);
     if (!to.press.steady) // else its velocity holds that of the turn
         to.press.motion.turn(part * by);
-    if (to.turn.by_hand) {
-        const double amplitude = part * hand_variance(to.turn.speed);
-        to.line.amplitude.mean_variance += amplitude;
-        to.press.strength.mean_variance += amplitude;
-    }
+    if (to.turn.by_hand)
+        to.widen_amplitudes(part * hand_variance(to.turn.speed));
 }
 
 void press_filter::mix(const explanation& from, double probability, double ends)

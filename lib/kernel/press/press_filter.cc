@@ -255,8 +255,7 @@ void press_filter::with_courses(const explanation& from,
     const auto widen = [](explanation& other, double phase, double amplitude) {
         other.line.common.widen(phase);
         other.press.motion.widen({ phase, phase, phase });
-        other.line.amplitude.mean_variance += amplitude;
-        other.press.strength.mean_variance += amplitude;
+        other.widen_amplitudes(amplitude);
     };
     event(from, probability * (1 - turns - hands));
     course(turns, [&](explanation& other) {
@@ -281,7 +280,7 @@ void press_filter::branch_untouched(const explanation& from)
         turn_slowly(from, quiet * (1 - goes_on), course::ends);
     } else {
         remain_untouched(from, quiet * (1 - turns - hands));
-        begin_turning(from, quiet);
+        begin_turning(from, quiet * turns, quiet * hands);
     }
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained, unexplained);
@@ -323,12 +322,12 @@ void press_filter::branch_touched(const explanation& from)
                         quiet * goes_on * (1 - turns - hands),
                         from.press.slides,
                         from.press.speed);
-        begin_turning(from, quiet * goes_on);
+        begin_turning(from, quiet * goes_on * turns, quiet * goes_on * hands);
         stop_changing(from, quiet * (1 - goes_on));
     } else {
         hold(from, quiet * (1 - begins) * (1 - turns - hands));
         begin_changing(from, quiet * begins);
-        begin_turning(from, quiet);
+        begin_turning(from, quiet * turns, quiet * hands);
     }
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained, unexplained);
@@ -388,21 +387,19 @@ void press_filter::branch_mixed(const explanation& from)
     mix(from, lasts);
 }
 
-void press_filter::begin_turning(const explanation& from, double probability)
+void press_filter::begin_turning(const explanation& from, double turns, double hands)
 {
-    const double turns = probability * turn_probability(from) / turning_speeds,
-                 hands = probability * hand_probability(from) / near_speeds;
-    const bool changes = from.is != untouched && from.press.steady;
-    for (std::size_t i = 0; i < turning_speeds; i++)
-        for (const bool near : { false, true }) {
-            if (near && i >= near_speeds)
-                continue;
-            const double each = near ? hands : turns;
-            if (changes)
-                turn_and_change(from, each, i, near);
-            else
-                turn_slowly(from, each, course::begins, i, near);
-        }
+    const auto begin = [&](double probability, std::size_t speed, bool near) {
+        if (from.is != untouched && from.press.steady)
+            turn_and_change(from, probability, speed, near);
+        else
+            turn_slowly(from, probability, course::begins, speed, near);
+    };
+    for (std::size_t i = 0; i < turning_speeds; i++) {
+        begin(turns / turning_speeds, i, false);
+        if (i < near_speeds)
+            begin(hands / near_speeds, i, true);
+    }
 }
 
 void press_filter::begin_changing(const explanation& from, double probability)

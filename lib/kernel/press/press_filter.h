@@ -79,7 +79,7 @@ private:
     void branch_untouched(const explanation& from);
     void branch_touched(const explanation& from);
     void branch_mixed(const explanation& from);
-    void begin_turning(const explanation& from, double probability);
+    void begin_turning(const explanation& from, double turns, double hands);
     void begin_changing(const explanation& from, double probability);
     template <class Event>
     void with_courses(const explanation& from, double probability, Event&& event) const;
