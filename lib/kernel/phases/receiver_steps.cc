@@ -36,14 +36,14 @@ receiver_steps::change receiver_steps::next(const group& of)
     for (std::size_t end = 0; end < of.ends; end++)
         if (!of.locked[end / 2])
             ratios[end] = std::numeric_limits<double>::quiet_NaN();
-    if (d_static.path.empty())
-        d_static = d_before = path_of(of);
     auto now = path_of(of);
+    if (d_static.path.empty()) {
+        d_static = d_before = now;
+        d_ratios = ratios;
+    }
     const auto common = now.over(d_static), lasting = now.over(d_before);
     const double before = std::exchange(d_before, now).power;
     // Presses change the tag's own part of the static path; unseen, to the opposite.
-    if (d_ratios.empty())
-        d_ratios = ratios;
     double tag = 0;
     for (std::size_t end = 0; end < of.ends; end++) {
         const double changed = std::norm(ratios[end] - d_ratios[end]);

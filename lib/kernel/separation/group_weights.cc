@@ -105,7 +105,7 @@ void group_weights::add_mixed(const std::vector<double>& first,
                               double* second_sums) const
 {
     constexpr std::size_t at_once = 4; // for which sums are loaded and stored
-    std::vector<std::size_t> changed(first.size() + at_once);
+    std::vector<std::size_t> changed(first.size());
     std::size_t count = 1; // the first from 0
     for (std::size_t i = 1; i < first.size(); i++) {
         changed[count] = i;
@@ -115,10 +115,14 @@ void group_weights::add_mixed(const std::vector<double>& first,
     double by[at_once], also[at_once];
     for (std::size_t from = 0; from < count; from += at_once) {
         for (std::size_t j = 0; j < at_once; j++) {
-            const std::size_t i = from + j < count ? changed[from + j] : 0;
+            const bool is_change = from + j < count;
+            const std::size_t i = is_change ? changed[from + j] : 0;
+            const auto change_of = [=](const std::vector<double>& course) {
+                return is_change ? course[i] - (i ? course[i - 1] : 0) : 0;
+            };
             rows[j] = &d_sums_to_end[i * d_width];
-            by[j] = i ? first[i] - first[i - 1] : from + j ? 0 : first[0];
-            also[j] = i ? second[i] - second[i - 1] : from + j ? 0 : second[0];
+            by[j] = change_of(first);
+            also[j] = change_of(second);
         }
         for (std::size_t tone = 0; tone < d_width; tone++) {
             const double values[] = {

@@ -5,6 +5,7 @@
 #include <kernel/separation/end_fit.h>
 #include <kernel/separation/end_separation.h>
 #include <kernel/separation/group_weights.h>
+#include <kernel/separation/matrix_product.h>
 #include <kernel/separation/noise_estimate.h>
 #include <kernel/separation/spread_lines.h>
 
@@ -59,10 +60,8 @@ py::tuple whitened(const array<double>& whitener, const complex_array& tones)
         parts_of(tones.data(group, 0, 0), count, subcarriers, parts.data());
         std::complex<double>* const to = white.mutable_data(group, 0, 0);
         whiten(whitener.data(), parts.data(), count, subcarriers, to);
-        double power = 0;
-        for (std::size_t i = 0; i < parts.size(); i++)
-            power += std::norm(to[i]);
-        level.mutable_data()[group] = power / std::max<std::size_t>(parts.size(), 1);
+        level.mutable_data()[group] =
+            power_of(to, parts.size()) / double(std::max<std::size_t>(parts.size(), 1));
     }
     return py::make_tuple(white, level);
 }
