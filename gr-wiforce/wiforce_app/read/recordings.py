@@ -39,20 +39,24 @@ def open_reader(recording, settings, frame_offset, tracked):
         reader = SnapshotReader(recording, settings, tracked)
         warn_of_notes(recording, reader)
         return reader
-    reader = RecordingReader(recording, settings, frame_offset, tracked)
-    if recording.incomplete:
-        warn(recording.path, recording.incomplete)
+    reader = _reader_of(recording, settings, frame_offset, tracked)
     warn_of_notes(recording, reader)
     warn_of_unequal_antennas(reader)
     RoomNews().report(findings(reader.survey, settings, reader.plan))
     return reader
 
 
-def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on_groups=None):
-    """Read a whole recording for another command, and warn of what was wrong with it."""
-    reader = RecordingReader(recording, plan(scene), frame_offset, tracked, on_groups)
+def _reader_of(recording, *settings):
+    """The reader of samples, with a warning where they end early."""
+    reader = RecordingReader(recording, *settings)
     if recording.incomplete:
         warn(recording.path, recording.incomplete)
+    return reader
+
+
+def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on_groups=None):
+    """Read a whole recording for another command, and warn of what was wrong with it."""
+    reader = _reader_of(recording, plan(scene), frame_offset, tracked, on_groups)
     warn_of_unequal_antennas(reader)
     for batch in reader:
         for reading in batch:

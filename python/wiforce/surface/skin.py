@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 _MOST_POINTS = 200
 _MOST_STRIPS = 16
-_MOST_SUSPICIONS = 16
+_MOST_SUSPICIONS = 16  # texts in a file; `calibrate` writes four at most
 _LEAST_STEP_MM = 0.01
 _POSITION_MM = 10_000
 # Shares of a table that was calibrated by earlier versions may rise by their noise.
