@@ -274,6 +274,7 @@ class Fifo:
         self._registers = registers
         self._clock = clock
         self._queue = deque()
+        self.clear = self._queue.clear
 
     def submit(self, datagram, peer):
         """Queue the command in a datagram; Malformed when it is none, or the queue is full."""
@@ -299,10 +300,10 @@ class Fifo:
         """Execute all commands that are due; list of (reply, peer)."""
         replies = []
         while self._queue:
-            command = self._queue[0]
-            if command.time is not None and command.time > self._clock.time:
+            due = self.next_tick()
+            if due is not None and due > self._clock.ticks:
                 break
-            self._queue.popleft()
+            command = self._queue.popleft()
             index, value = command.control & 0xFF, 0
             if command.control & _POKE:
                 self._registers.poke(index, command.value)

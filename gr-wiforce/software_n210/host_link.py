@@ -191,7 +191,9 @@ class HostLink:
                 self.ignored["malformed"] += 1
 
     def _submit(self, datagram, peer):
-        if not is_announcement(datagram):
+        if is_announcement(datagram):
+            self._hardware.fifo.clear()  # what the host before has left may wait for ever
+        else:
             self._hardware.fifo.submit(datagram, peer)
 
     def _answer(self, datagram, peer):

@@ -87,7 +87,7 @@ class PacketStream:
     def _send(self, samples, size, tick, end_of_burst=False):
         """Packets of one size, built as one array."""
         packets = len(samples) // size
-        numbers = np.arange(packets)
+        numbers = np.arange(packets, dtype=np.uint64)
         times = self._clock.to_time(tick) + numbers * size * self._spacing
         block = np.empty((packets, size + RX_OVERHEAD_WORDS), ">u4")
         block[:, 0] = rx_header(self._packet_count + numbers, size)
@@ -169,7 +169,8 @@ class ReceiveChain:
         elif register == 5:
             self.packets.restart(value)
         elif register == 7:
-            self.packets.samples_per_packet = max(value & 0xFFFF, 1)
+            # No datagram holds as many as 16 bits count.
+            self.packets.samples_per_packet = max(value & 0x1FFF, 1)
         elif register == 8:
             self.stop()
 

@@ -9,6 +9,7 @@ import struct
 import subprocess
 import sys
 from pathlib import Path
+from time import monotonic
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from gnuradio.wiforce.errors import InputError
 from software_n210.device import Device, parse_fault
 from software_n210.frontend import Cable
 
-CONTROL, TX = 49152, 49157
+CONTROL, RX, TX, FIFO = 49152, 49156, 49157, 49159
 PORTS = (49152, 49156, 49157, 49158, 49159, 49172)
 HELLO = struct.pack(">III", 12, ord("a"), 7) + bytes(24)
 
@@ -121,6 +122,41 @@ def test_device_malformed_and_foreign_packets_counted_and_ignored(software_usrp)
     # control message of 37, 300 or 9000 bytes is only judged by its first 36.
     assert status["foreign"] == len(junk) + 1
     assert status["malformed"] >= 4 + len(junk) + 1 + 2
+
+
+STREAM = [(32, 1 << 31 | 1 << 29), (33, 0), (34, 0)]
+
+
+@pytest.mark.parametrize(
+    "pokes, time",
+    [
+        ([(13, 1), (11, 0), (10, 0xF0000000), *STREAM], None),
+        ([(39, 0xFFFF), *STREAM], None),
+        (STREAM, 1 << 62),
+        (STREAM, (1 << 64) - 1),
+    ],
+    ids=["late device time", "huge packets", "command in 1000 years", "command before power-on"],
+)
+def test_device_serves_the_next_host_whatever_registers_were_written(software_usrp, pokes, time):
+    """Random commands ended it, held its time, or let no other host write a register."""
+    device = software_usrp("--air", "cable")
+    announcement = struct.pack(">II", 0, 0)
+    timed = b"" if time is None else struct.pack(">Q", time)
+    header = 0x40000000 | (time is not None) << 20
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.sendto(announcement, (device.address, RX))
+        for index, value in pokes:
+            command = struct.pack(">II", 0, header) + timed + struct.pack(">II", 256 | index, value)
+            stranger.sendto(command, (device.address, FIFO))
+        assert ask(device.address)[4:8] == struct.pack(">I", ord("A"))
+        before_s, limit_s = device.command("status")["device_time_s"], monotonic() + 5
+        while device.command("status")["device_time_s"] == before_s:
+            assert monotonic() < limit_s
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as host:
+            host.settimeout(5)
+            for datagram in announcement, struct.pack(">IIII", 7, 0x40000000, 12, 0):
+                host.sendto(datagram, (device.address, FIFO))
+            assert host.recv(2000)[-4:] == struct.pack(">I", 11 << 16 | 1)
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, "closed standard input"])
