@@ -99,8 +99,8 @@ def survey(capture, scene_path, datatype, as_json, plot_path):
     recording = open_capture(capture, datatype)
     scene, differences = scene_of(recording, scene_path)
     check_picture(plot_path, [*recording.files, *scene.files])
-    for difference in differences:
-        warn(recording.path, difference)
+    for text in filter(None, (*differences, recording.incomplete)):
+        warn(recording.path, text)
     found = survey_room(recording, plan(scene))
     if plot_path is not None:
         plot_survey(found.survey, found.findings, found.plan, plot_path, title=str(capture))

@@ -327,7 +327,7 @@ def survey(
         As for :func:`read`; of samples.
     scene : str, Path, dict or Scene, optional
         Scene file or the name of a shipped scene; the capture's own when not given. Keys in which
-        it differs from the capture's own are reported as warnings.
+        it differs from the capture's own are reported as warnings, as is a file that ends early.
     datatype : str, optional
         ``ci16_le`` or ``cf32_le``: the file is raw samples of this type.
 
@@ -351,8 +351,8 @@ def survey(
     """
     recording = capture if isinstance(capture, Capture) else open_capture(capture, datatype)
     found, differences = scene_of(recording, scene)
-    for difference in differences:
-        warnings.warn(f"{recording.path}: {difference}", stacklevel=2)
+    for text in filter(None, (*differences, recording.incomplete)):
+        warnings.warn(f"{recording.path}: {text}", stacklevel=2)
     return survey_room(recording, plan_of(found))
 
 

@@ -2,6 +2,7 @@
 """The library as people type it in a notebook: short calls, and objects that print well."""
 
 import inspect
+import os
 import shutil
 
 import matplotlib
@@ -95,11 +96,17 @@ def test_score_of_a_frame_prints_what_the_command_does(folder, readings):
         wiforce.score(both, truth)
 
 
-def test_survey_prints_what_the_command_does(folder):
-    found = wiforce.survey(folder / "first")
+def test_survey_of_a_cut_capture_says_what_the_command_does(folder, tmp_path):
+    for file in folder.glob("first.sigmf-*"):
+        shutil.copy(file, tmp_path)
+    data, capture = tmp_path / "first.sigmf-data", tmp_path / "first"
+    os.truncate(data, data.stat().st_size - 4000)
+    with pytest.warns(UserWarning, match="ends 1000 samples before") as warned:
+        found = wiforce.survey(capture)
     assert found.tags[0].clock_offset_ppm is not None and found.report()["seconds"] > 0.1
-    done = run_command("survey", folder / "first")
+    done = run_command("survey", capture)
     assert done.stdout.rstrip("\n") == str(found).rstrip("\n")
+    assert str(warned[0].message) in done.stderr
 
 
 def test_dir_shows_public_names_alone():
