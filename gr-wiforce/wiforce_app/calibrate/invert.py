@@ -101,7 +101,7 @@ def invert(phases, model, outputs, frequency_hz, std_deg, tracked, smoothed):
 
 
 def _read(path):
-    """Sensor, group, and phases, time and location or NaN of each row."""
+    """Sensor, flags, group, and phases, time and location or NaN of each row."""
     header, lines = read_csv(path)
     if "y_mm" in header:
         rule = "holds readings of a surface, which are not computed from one sensor's phases: "
@@ -123,7 +123,8 @@ def _read(path):
         if row["location_std_mm"] > 0:
             row["location_mm"] = math.nan
         group = int(group) if group.isdigit() else None
-        rows.append(row | {"sensor": line.get("sensor") or "", "group": group})
+        texts = {column: line.get(column) or "" for column in ("sensor", "flags")}
+        rows.append(row | texts | {"group": group})
     return rows
 
 
@@ -165,9 +166,9 @@ def _values(read):
 
 
 def _without_phases(row, sensor):
-    """The reading of a row without phases: no value, flagged as where a sensor is not received."""
-    name = row["sensor"] or sensor.name
-    return Reading(row["time_s"], name, flags=("weak",), group=row["group"])
+    """The reading of a row without phases: no value; `gap` as stated, or not received."""
+    name, flag = row["sensor"] or sensor.name, "gap" if "gap" in row["flags"].split() else "weak"
+    return Reading(row["time_s"], name, flags=(flag,), group=row["group"])
 
 
 def _reading(row, sensor, std, touch, found):

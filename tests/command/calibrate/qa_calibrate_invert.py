@@ -108,14 +108,14 @@ def test_readings_of_a_sensor_that_was_not_received_stay_empty_rows(folder, tmp_
 
     def inverted(*rows):
         (tmp_path / "r.csv").write_text(
-            "\n".join(["time_s,sensor,group,phase1_deg,phase2_deg", *rows])
+            "\n".join(["time_s,sensor,group,phase1_deg,phase2_deg,flags", *rows])
         )
         done = succeeded("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml", *option)
         return done.stdout.splitlines()[1:]
 
-    found = inverted(*rows[:2], "2,arm,2,,", *rows[3:])
-    assert found[2] == "2.0,arm,,,,,,,,,weak,2,"
-    assert found[:2] + found[3:] == inverted(*rows[:2], *rows[3:])
+    found = inverted(rows[0], "1,arm,1,,,reference gap", "2,arm,2,,", *rows[3:])
+    assert found[1:3] == ["1.0,arm,,,,,,,,,gap,1,", "2.0,arm,,,,,,,,,weak,2,"]
+    assert found[:1] + found[3:] == inverted(rows[0], *rows[3:])
 
 
 def test_taps_refine_a_sensor(folder, line, tmp_path):
