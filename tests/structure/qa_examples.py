@@ -20,7 +20,9 @@ import pytest
 import zmq
 from chain_runs import Collector, assert_equal_readings
 from command_runs import rows_of
-from gnuradio import wiforce
+from gnuradio import blocks, wiforce
+from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.scene import load_capture_scene
 from machine import wait_until
 from modules import module_of
 
@@ -72,6 +74,15 @@ def test_flowgraph_without_its_usrp_ends_with_one_sentence(compiled):
     assert done.returncode == 1 and "Traceback" not in done.stderr
     said = done.stderr.splitlines()
     assert sum(line.startswith("device: must be a USRP that answers (") for line in said) == 1
+
+
+def test_record_uhd_states_its_scene(generated, monkeypatch, tmp_path):
+    """Its recordings could not be read without the name of the scene."""
+    source = blocks.vector_source_s([1, 2] * 1000, False, 2)
+    monkeypatch.setattr(wiforce, "usrp", lambda **_: source)
+    generated("record_uhd").record_uhd(recording=str(tmp_path / "air")).run()
+    capture = open_capture(tmp_path / "air")
+    assert load_capture_scene(capture).sensors == wiforce.load_scene("demo").sensors
 
 
 def after(readings, time_s, sensor=None):

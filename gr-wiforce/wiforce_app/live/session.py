@@ -93,7 +93,7 @@ class LiveSession:
             "core:description": "Recorded by gr-wiforce live",
             "core:recorder": f"gr-wiforce {VERSION}",
             "core:extensions": [{"name": "wiforce", "version": VERSION, "optional": True}],
-            "wiforce:scene": scene.as_dict(Path(path)),
+            "wiforce:scene": scene.as_dict(path),
             "wiforce:tx_amplitude": self._request.amplitude,
         }
         radio = scene.radio

@@ -477,9 +477,9 @@ class Scene:
 
         return load_sensor(name, self.folder, self.radio.center_frequency_hz)
 
-    def as_dict(self, beside: Path | None = None) -> dict[str, Any]:
+    def as_dict(self, beside: str | Path | None = None) -> dict[str, Any]:
         """The scene with all defaults as plain values; sensor files as named ``beside`` a file."""
-        return plain(Scene, self if beside is None else self._read_from(beside.parent))
+        return plain(Scene, self if beside is None else self._read_from(Path(beside).parent))
 
     def _read_from(self, folder: Path) -> "Scene":
         def named(name: str) -> str:
