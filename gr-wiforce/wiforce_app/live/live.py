@@ -183,7 +183,7 @@ def live(
         settings = scene.files, also, append, metadata, rotation
         files = [open_writer(path, *settings) for path in outputs or [None]]
         line = not rows_on_terminal(outputs)
-        with Outputs(*files) as outputs:
+        with Outputs() as outputs:
             if zmq_endpoint is not None:
                 outputs.add(ReadingsPublisher(zmq_endpoint, keys=keys))
                 if keys is None and not is_loopback(endpoint_of(zmq_endpoint, "--zmq")):
@@ -195,6 +195,8 @@ def live(
             endpoints = [(control, keys)] if control else []
             if web is not None:
                 endpoints.append((_open_page(outputs, web, web_token), None))
+            for file in files:  # the last: a pipe may wait for its reader
+                outputs.add(file)
             options = {"tracked": tracked, "recording": record}
             _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **options)
     except DeviceLost as lost:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Devices and options that a live reader refuses, in one line each."""
 
+import os
 import socket
 from types import SimpleNamespace
 
@@ -37,18 +38,23 @@ def test_live_outputs_that_cannot_be_opened_keep_what_is_there(tmp_path):
     kept = [tmp_path / "run.sigmf-data", tmp_path / "kept.jsonl"]
     for path in kept:
         path.write_text("precious")
+    pipe = tmp_path / "pipe.csv"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         for options, words in (
             (["-o", kept[1], "--record", tmp_path / "run"], ["run.sigmf-data", "exists"]),
-            (["-o", kept[1], "--zmq", port], ["--zmq", "in use"]),
+            (["-o", pipe, "-o", kept[1], "--zmq", port], ["--zmq", "in use"]),
+            (["-o", pipe, "-o", tmp_path / "out.txt"], ["out.txt", ".csv"]),
             (["-o", kept[1], "--control", port], ["--control", "in use"]),
-            (["-o", tmp_path / "out.txt"], ["out.txt", ".csv"]),
             (["--zmq", "ipc://x"], ["--zmq"]),
         ):
             said = refused("live", "--scene", "demo", "--args", "addr=127.0.0.254", *options)
             assert all(word in said for word in words), said
     assert all(path.read_text() == "precious" for path in kept)
+    assert os.read(reader, 100) == b""
+    os.close(reader)
 
 
 def test_process_of_a_radio_opens_no_device_that_another_one_uses(monkeypatch):

@@ -124,12 +124,12 @@ def test_writer_without_a_reading_leaves_header_only(earlier, fails):
     assert earlier.read_text() == ",".join(COLUMNS) + "\n"
 
 
-def test_writer_pipe_is_opened_at_once(tmp_path):
+def test_writer_pipe_is_opened_before_the_first_reading(tmp_path):
     pipe = tmp_path / "out.csv"
     os.mkfifo(pipe)
     with ThreadPoolExecutor(1) as pool:
         listener = pool.submit(pipe.open)
-        writer = open_writer(pipe)
+        writer = Outputs(open_writer(pipe))
         with listener.result(timeout=60) as stream:
             writer.close()
             assert stream.read() == ",".join(COLUMNS) + "\n"

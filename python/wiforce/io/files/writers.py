@@ -57,9 +57,12 @@ class ReadingsWriter(Output):
         self._named = dict.fromkeys((*COLUMNS, *SURFACE_COLUMNS, *also)) if also else None
         if path is not None:
             check_output(path, inputs)
-            if Path(path).exists() and not Path(path).is_file():
-                # Opening a pipe loses nothing, and may have to wait for its reader.
-                self.begin()
+
+    def __enter__(self) -> ReadingsWriter:
+        if self._path is not None and Path(self._path).exists() and not Path(self._path).is_file():
+            # Opening a pipe loses nothing, and may have to wait for its reader.
+            self.begin()
+        return self
 
     def begin(self) -> ReadingsWriter:
         """Empty the file except for its header, or prepare to append to one with that header."""
