@@ -329,6 +329,8 @@ def _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **o
 
     def on_reading(reading):
         outputs.write(reading, health.stamp(reading))
+        if outputs.failure is not None:
+            raise outputs.failure
         health.note(reading)
         monitor.note(reading)
 

@@ -46,6 +46,8 @@ def read_one(
                 if plot_path is not None:
                     kept += batch
                 step(len(batch))
+                if follow and writer.failure is not None:
+                    break
     except KeyboardInterrupt as interrupt:
         raise Interrupted(_partial(writer, outputs, rows)) from interrupt
     warn_of_end(capture, reader)

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from typing import Any, TypeVar
 
-from ..errors import OutputError
 from .readings import Reading
 
 # What files hold of a live run besides the reading; sockets get ``device_time_s`` as well.
@@ -60,6 +59,7 @@ class Outputs(Output):
     """Outputs that get the same rows, and are ended in reverse order."""
 
     rows = 0  # given to all of them so far
+    failure: OSError | None = None  # of the first that cannot be written further
 
     def __init__(self, *outputs: Output) -> None:
         self._outputs: list[Output] = []
@@ -69,6 +69,8 @@ class Outputs(Output):
 
     def __exit__(self, *error: Any) -> None:
         self._ending.__exit__(*error)
+        if self.failure is not None and error[0] is None:
+            raise self.failure
 
     def add(self, output: Output) -> None:
         """Add an output."""
@@ -80,15 +82,15 @@ class Outputs(Output):
         return self
 
     def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Give rows to all outputs; raises the OutputError of the first that failed thereafter."""
-        rows, failure = list(rows), None
+        """Give rows to all outputs; raises the first ``failure`` once there are no others."""
+        rows, failed = list(rows), 0
         for output in self._outputs:
             try:
                 output.write_rows(rows)
-            except OutputError as error:
-                failure = failure or error
-        if failure is not None:
-            raise failure
+            except OSError as error:
+                self.failure, failed = self.failure or error, failed + 1
+        if self.failure is not None and failed == len(self._outputs):
+            raise self.failure
         self.rows += len(rows)
 
     def close(self) -> None:

@@ -16,7 +16,7 @@ from command_runs import refused, run_command, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from long_cases import cases
-from machine import rows_in, wait_until
+from machine import full_disk, rows_in, wait_until
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +52,15 @@ def test_read_csv_on_stdout_and_json_lines_in_file_agree(demo, printed, read_arg
     for row, line in zip(rows, lines, strict=True):
         assert row == {key: "" if value is None else str(value) for key, value in line.items()}
     assert (tmp_path / "p.png").stat().st_size > 10_000
+
+
+def test_read_writes_all_rows_beside_an_output_that_becomes_full(printed, read_args, tmp_path):
+    full, whole = tmp_path / "full.jsonl", tmp_path / "whole.csv"
+    with full_disk(len(printed.stdout)):
+        done = run_command(*read_args, "-o", full, "-o", whole)
+    assert done.returncode == 1 and f"{full}: cannot be written further" in done.stderr
+    assert whole.read_text() == printed.stdout
+    assert 0 < rows_in(full) < rows_in(whole) - 1
 
 
 def test_read_loads_neither_scipy_nor_pandas(read_args):

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Readings, their flags and their files: what a script that parses them relies on."""
 
+import io
 import json
 import os
+import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 
@@ -112,6 +114,19 @@ def test_rows_are_counted_by_files_and_not_by_sockets(tmp_path):
     with Outputs(file, publisher) as outputs:
         outputs.write(UNKNOWN)
     assert outputs.rows == file.rows == 1 and not hasattr(publisher, "rows")
+
+
+def test_outputs_beside_a_full_standard_output_get_all_rows(tmp_path, monkeypatch):
+    file, stdout = open_writer(tmp_path / "out.csv"), open_writer()
+    with open("/dev/full", "wb", buffering=0) as full:
+        monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(full, write_through=True))
+        with pytest.raises(OSError, match="No space left"), Outputs(stdout, file) as outputs:
+            for _ in range(2):
+                outputs.write(UNKNOWN)
+        assert outputs.failure is not None and outputs.rows == file.rows == 2
+        with pytest.raises(OSError, match="No space left"), Outputs(stdout) as outputs:
+            outputs.write(UNKNOWN)
+            raise AssertionError("nothing takes rows any more")
 
 
 @pytest.mark.parametrize("fails", [False, True])
