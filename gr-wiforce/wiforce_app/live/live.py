@@ -9,7 +9,7 @@ from datetime import datetime, timezone
 from functools import partial
 
 import click
-from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture.names import recording_stem
 from gnuradio.wiforce.io.files.writers import Rotation, open_writer
 from gnuradio.wiforce.io.network import host_and_port
@@ -198,7 +198,8 @@ def live(
             for file in files:  # the last: a pipe may wait for its reader
                 outputs.add(file)
             options = {"tracked": tracked, "recording": record}
-            _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **options)
+            given = scene, request, outputs, run, endpoints, duration, reconnect, line
+            return _run(*given, **options)
     except DeviceLost as lost:
         kept = "all readings until then are kept" if outputs.rows else "there are no readings"
         log.error(f"{lost}; {kept}")
@@ -206,7 +207,6 @@ def live(
     except _NoFrames as error:
         log.error(str(error))
         return FAILED
-    return 0
 
 
 def _keys_of(zmq_endpoint, control, folder):
@@ -301,7 +301,7 @@ def warn_of_oscillators(link):
 
 
 def _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **options):
-    """Run a session until a signal, a request or `duration` ends it; raises DeviceLost."""
+    """The exit status of a session until a signal, a request or `duration`; or DeviceLost."""
     from ..radio.request import shorten_pauses
     from .health import Heartbeat, RunHealth, ServiceManager
     from .monitor import SessionMonitor
@@ -364,9 +364,9 @@ def _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **o
                 service.stopping()
                 keeper.stop()
                 session.stop()
+                ending.failure = session.recording_failure
         if reader.failure is not None:
             raise reader.failure
-        ending.failure = session.recording_failure
     finally:
         service.close()
         health.look()
@@ -374,9 +374,10 @@ def _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **o
         for each in requests:
             each.close()
         outputs.send("end", {**health.report(), **ending.report()})
+        if ending.failure is not None:
+            log.error(f"--record: the recording is incomplete ({ending.failure.strerror})")
     log.info(f"read {monitor.summary()}")
-    if ending.failure is not None:
-        raise OutputError("--record", f"the recording is incomplete ({ending.failure.strerror})")
+    return 0 if ending.failure is None else FAILED
 
 
 class _NoFrames(Exception):

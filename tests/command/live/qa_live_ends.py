@@ -22,7 +22,7 @@ from live_runs import (
     rows_of,
     scene_file,
 )
-from machine import room_for
+from machine import room_for, wait_until
 
 KILLS = 100
 
@@ -73,10 +73,16 @@ def test_live_duration_without_frames_ends_with_a_sentence(slow_device, tmp_path
     radio = {**SLOW["radio"], "center_frequency_hz": 902e6}  # where nothing is on the air
     output = tmp_path / "out.csv"
     scene = scene_file(tmp_path, [], 400, 0.3, **{**SLOW, "radio": radio})
-    with live(slow_device.args, scene, *GAINS, "-o", output, "--duration", 0.2) as process:
+    recording, options = tmp_path / "run.sigmf-data", ["--record", tmp_path / "run"]
+    options += [*GAINS, "-o", output, "--duration", 0.2]
+    with live(slow_device.args, scene, *options) as process:
+        wait_until(recording.exists, process=process)
+        recording.unlink()
         _, said = process.communicate(timeout=300)
     assert process.returncode == 1
+    incomplete = "gr-wiforce: --record: the recording is incomplete (No such file or directory)"
     end = r"gr-wiforce: no sounding frames found in \d\.\d s of samples; there are no readings"
+    assert said.splitlines()[-2] == incomplete
     assert re.fullmatch(end, said.splitlines()[-1])
     assert rows_of(output) == []
 
