@@ -11,9 +11,10 @@ from gnuradio.wiforce.blocks.captures import capture_stream
 from gnuradio.wiforce.estimation.capture.frame import describe_frames, searched_samples
 from gnuradio.wiforce.estimation.capture.recorded_frames import find_frames, first_frame
 from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.capture.recordings import EmptyCapture
 
 from ..shell.log import log
-from .recordings import RoomNews
+from .recordings import RoomNews, open_recording
 
 # Its log would mix with readings on standard output; failures are raised all the same.
 gr.logging().set_default_level(gr.log_levels.off)
@@ -83,6 +84,15 @@ class GrowingCapture:
     def frames_moved(self):
         """How often the frames were found at another place than before, by file."""
         return {self._path: self._reader.fold.frames_moved()}
+
+
+def open_growing(*capture):
+    """What :func:`open_recording` gives, once there are samples."""
+    while True:
+        try:
+            return open_recording(*capture)
+        except EmptyCapture:
+            time.sleep(_WAIT_S)
 
 
 def _once_there_are_frames(capture, datatype, plan, needed):

@@ -22,7 +22,9 @@ def read_one(
 ):
     if is_snapshots(capture):
         refuse({"--datatype": datatype}, SAMPLES_ONLY)
-    recording = open_recording(capture, datatype, csi)
+    if follow:
+        from .follow import GrowingCapture, open_growing
+    recording = (open_growing if follow else open_recording)(capture, datatype, csi)
     if isinstance(recording, ChannelSnapshots):
         refuse({"--frame-offset": frame_offset is not None, "--follow": follow}, SAMPLES_ONLY)
     scene, differences = scene_of(recording, scene_path)
@@ -31,8 +33,6 @@ def read_one(
     check_picture(plot_path, inputs)
     writer = FileOutputs(*_writers(outputs, mcap, inputs, scene))
     if follow:
-        from .follow import GrowingCapture
-
         reader = GrowingCapture(capture, datatype, settings, frame_offset, tracked)
     else:
         reader = open_reader(recording, settings, frame_offset, tracked)

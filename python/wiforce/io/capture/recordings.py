@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 _MOST_LOST = 2**40
 
 
+class EmptyCapture(InputError):
+    """A file of samples holds none yet."""
+
+
 class Segment(NamedTuple):
     """A run of samples without a gap."""
 
@@ -164,7 +168,7 @@ def _check_file(path: Path) -> None:
 def _count(path: Path, datatype: str, size: int) -> int:
     sample_bytes = DATATYPES[datatype].sample_bytes
     if size < sample_bytes:
-        raise InputError(path, "is empty")
+        raise EmptyCapture(path, "is empty")
     return size // sample_bytes
 
 
