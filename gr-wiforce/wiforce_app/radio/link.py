@@ -157,18 +157,20 @@ def _run(control: Connection, samples: socket.socket) -> None:
 
 
 def _serve(control, samples):
+    from gnuradio.wiforce.blocks.usrp import opened
+
     from .radio import open_radio
     from .streams import RadioStreams
 
     request = control.recv()
     lock = DeviceLock(request.args)
-    radio = _opened(open_radio, request)
+    radio = opened(lambda: open_radio(request), DeviceAbsent)
     lock.take_serial(radio.serial)
     streams = RadioStreams(radio, request, samples)
     with radio.applying("--args", request.args, rule="must name a device that states what it does"):
         _report_clock(streams, control)  # before there are readings, which are stamped with UTC
-        opened = radio.hardware, radio.settings(), radio.unlocked(), streams.aligned
-    _report(control, "opened", opened)
+        stated = radio.hardware, radio.settings(), radio.unlocked(), streams.aligned
+    _report(control, "opened", stated)
     shorten_pauses()
     control.recv()  # to start
     # From here on, the reader asks to stop, or has gone: its end must stop the device as well.
@@ -194,14 +196,6 @@ def _report(control, event, value=None):
 def _report_clock(streams, control):
     if (found := streams.clock()) is not None:
         _report(control, "clock", found)
-
-
-def _opened(open_radio, request):
-    """The radio; UHD waits 0.1 s for answers, which a busy network may exceed once."""
-    try:
-        return open_radio(request)
-    except DeviceAbsent:
-        return open_radio(request)
 
 
 def _exit(samples):

@@ -53,6 +53,14 @@ def require_rate(where: str, actual_hz: float, rate_hz: float) -> None:
         raise InputError(where, rule, rate_hz)
 
 
+def opened(open_device: Callable[[], Any], *absent: type[Exception]) -> Any:
+    """The device; UHD waits 0.1 s for answers, which a busy network may exceed once."""
+    try:
+        return open_device()
+    except absent:
+        return open_device()
+
+
 def first_gain_db(low_db: float, high_db: float) -> float:
     """The gain to begin with where a user states none: too low rather than too high."""
     return low_db + _FIRST_GAIN * (high_db - low_db)
@@ -145,14 +153,15 @@ class usrp(Kept, gr.hier_block2):
         from gnuradio import uhd
 
         stream = uhd.stream_args(cpu_format=_ITEM_TYPE, otw_format=_ITEM_TYPE, channels=[0])
+        absent = RuntimeError, LookupError, ValueError
         try:
-            self.transmitter = uhd.usrp_sink(device, stream)
+            self.transmitter = opened(lambda: uhd.usrp_sink(device, stream), *absent)
             # The receiver waits for the command that starts both.
-            self.receiver = uhd.usrp_source(device, stream, False)
-        except (RuntimeError, LookupError, ValueError) as error:
+            self.receiver = opened(lambda: uhd.usrp_source(device, stream, False), *absent)
+        except absent as error:
             text = str(error)
-            absent = "No devices found" in text
-            reason = "no device found" if absent else text.strip().splitlines()[-1].strip()
+            last = text.strip().splitlines()[-1].strip()
+            reason = "no device found" if "No devices found" in text else last
             rule = (
                 f"must be a USRP that answers ({reason}): {USRP_FINDER}, and `gr-wiforce emulate` "
                 "stands in"

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pmt
 import pytest
-from gnuradio import blocks, gr, wiforce
+from gnuradio import blocks, gr, uhd, wiforce
 from gnuradio.wiforce.blocks.usrp import timed_frames
 from gnuradio.wiforce.errors import InputError
 from live_runs import FRAMES, SLOW, scene_file, wait_until
@@ -69,6 +69,20 @@ def test_usrp_bad_parameter_is_refused_in_one_line(device, scene):
     with pytest.raises(InputError, match="^device: must be a USRP that answers") as refused:
         wiforce.usrp(scene, "type=usrp2,addr=127.255.255.254")
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("direction", ["sink", "source"])
+def test_usrp_that_fails_to_answer_once_is_opened(device, scene, monkeypatch, direction):
+    name, errors = f"usrp_{direction}", [RuntimeError("KeyError: No devices found for ----->")]
+    block = getattr(uhd, name)
+
+    def busy(*given):
+        if errors:
+            raise errors.pop()
+        return block(*given)
+
+    monkeypatch.setattr(uhd, name, busy)
+    assert wiforce.usrp(scene, device).receiver.get_antennas()
 
 
 def test_usrp_of_another_program_is_refused(scene, monkeypatch):
