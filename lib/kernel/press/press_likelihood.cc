@@ -11,6 +11,7 @@ namespace gr::wiforce::kernel {
 namespace {
 
 constexpr double least_variance = 1e-12; // of a contact's loss, Np^2
+constexpr int most_passes = 5; // each halves at least what large turns bend
 
 } // namespace
 
@@ -280,29 +281,36 @@ press_filter::update_turned(explanation& to, double log_phases, double variance)
 }
 
 // Where the off states differ the amplitudes show the common phase, as far as is known
-// what the contact loses: a Kalman filter of both, which are correlated from then on.
+// what the contact loses: an iterated Kalman filter of both, which are correlated from
+// then on. A large turn bends what is seen.
 double press_filter::update_turn(explanation& to) const
 {
     auto& own = to.press.strength;
     const double known = to.line.common.estimate().variance;
     const auto seen = to.change(d_group.phase);
-    const auto expected = d_off.amplitude(seen);
-    const double slope = -d_off.slope(seen);
-    const double variance = slope * slope * known + 2 * slope * to.press.with_common +
-                            own.difference_variance + 4 * d_amplitude_noise;
-    const double by_turn = (slope * known + to.press.with_common) / variance;
-    const double off =
-        d_amplitude_difference - (expected[0] - expected[1]) - own.difference;
-    const double by_loss =
-        (slope * to.press.with_common + own.difference_variance) / variance;
-    const double likelihood = log_normal(off, variance);
+    pair_of_ends expected;
+    double turned = 0, before, off, variance, by_turn, by_loss;
+    int passes = 0;
+    do {
+        before = turned;
+        const pair_of_ends change{ seen[0] - turned, seen[1] - turned };
+        expected = d_off.amplitude(change);
+        const double slope = -d_off.slope(change);
+        variance = slope * slope * known + 2 * slope * to.press.with_common +
+                   own.difference_variance + 4 * d_amplitude_noise;
+        by_turn = (slope * known + to.press.with_common) / variance;
+        by_loss = (slope * to.press.with_common + own.difference_variance) / variance;
+        off = d_amplitude_difference - (expected[0] - expected[1]) - own.difference +
+              slope * turned;
+        turned = by_turn * off;
+    } while (std::abs(turned - before) > deg && ++passes < most_passes);
     own.difference += by_loss * off;
     own.difference_variance =
         std::max(own.difference_variance - squared(by_loss) * variance, least_variance);
     to.press.with_common -= by_turn * by_loss * variance;
-    to.line.common.turn(by_turn * off);
+    to.line.common.turn(turned);
     to.line.common.narrow(std::max(1 - squared(by_turn) * variance / known, 1e-6));
-    return likelihood +
+    return log_normal(off, variance) +
            update_mean(to, own, d_amplitude - (expected[0] + expected[1]) / 2);
 }
 

@@ -11,7 +11,7 @@
 namespace gr::wiforce::kernel {
 
 // Explanations that are kept; more are merged, by the evidence that is lost, or dropped.
-constexpr std::size_t most_kept = 64;
+constexpr std::size_t most_kept = 40;
 // Nats: two are one where no more of the evidence for either is lost.
 constexpr double no_loss = 0.1;
 // Explanations with less weight change no reading.
