@@ -11,7 +11,7 @@ namespace gr::wiforce::kernel {
 namespace {
 
 constexpr double least_variance = 1e-12; // of a contact's loss, Np^2
-constexpr int most_passes = 5; // each halves at least what large turns bend
+constexpr int most_passes = 5;           // each halves at least what large turns bend
 
 } // namespace
 
@@ -384,8 +384,8 @@ double press_filter::chord(
     double off = 0;
     for (int e = 0; e < 2; e++)
         off += std::norm(seen[e] - share * step[e]);
-    // Three degrees of freedom lie across the chord. A change that takes a part of the
-    // group follows the circle, so that its mean lies beside the chord; and the force may
+    // Three degrees of freedom lie across the chord. A change takes a part of the group
+    // and follows the circle, so that its mean lies beside the chord; and the force may
     // have changed before the press ended, or after it began, for as long as it lasted.
     const double beside = noise + squared(length2 * share * (1 - share) / 4),
                  is_pressed = (from.before == untouched ? 0 : 1 - share) +
@@ -394,7 +394,7 @@ double press_filter::chord(
     const auto across = [&](double v) {
         return std::exp(-0.5 * off / v) / (two_pi * v * std::sqrt(two_pi * v));
     };
-    const double on = (across(noise) + across(beside) + across(ramped)) / 4 /
+    const double on = (1 - any_share) / 2 * (across(beside) + across(ramped)) /
                       (std::sqrt(length2) + 3 * std::sqrt(noise));
     return std::log(on * std::exp(-log_any_mixture) + any);
 }
