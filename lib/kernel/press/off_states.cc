@@ -29,6 +29,8 @@ bool off_states::differ(double contact_np) const
 // |off + q e^{j (change + arg u)}| = 1 with u = e^{j psi0} - off and q = |u| |R|.
 double off_states::end::amplitude(double change) const
 {
+    if (off == 0.0)
+        return 0;
     const auto u = untouched - off;
     const double size = std::abs(u),
                  along = (std::polar(1.0, change) * u / size * std::conj(off)).real();

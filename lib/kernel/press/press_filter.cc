@@ -658,12 +658,6 @@ void press_filter::claim_untouched(double probability)
                 kept.is = unexplained;
                 kept.turn.goes_on = false;
                 begin_press(kept);
-                if (shows_turns(kept)) {
-                    const auto caused =
-                        d_off.amplitude(kept.change(kept.press.motion.phase()));
-                    kept.press.strength.grow({ -caused[0], -caused[1] });
-                    kept.press.with_common = 0;
-                }
             } else if (kept.press.steady)
                 kept.hold_level();
             else

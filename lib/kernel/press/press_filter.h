@@ -178,6 +178,7 @@ private:
     double update_turn(explanation& to) const;
     double begin_strength(explanation& to, double spread) const;
     double update_mean(explanation& of, both_amplitudes& own, double seen) const;
+    pair_of_ends caused_by_off(const explanation& of, const pair_of_ends& phase) const;
     bool shows_turns(const explanation& of) const;
     bool sees_turns(const explanation& of) const;
     both_amplitudes seen_strength(const explanation& of) const;

@@ -227,9 +227,12 @@ double press_filter::hand_variance(std::size_t speed) const
 // any share of the group.
 double press_filter::update_amplitude(explanation& of, both_amplitudes& own) const
 {
-    const double likelihood = update_mean(of, own, d_amplitude);
+    const auto caused = caused_by_off(of, d_group.phase);
+    const double likelihood =
+        update_mean(of, own, d_amplitude - (caused[0] + caused[1]) / 2);
     return likelihood +
-           own.update_difference(d_amplitude_difference, 4 * d_amplitude_noise);
+           own.update_difference(d_amplitude_difference - (caused[0] - caused[1]),
+                                 4 * d_amplitude_noise);
 }
 
 double press_filter::update_mean(explanation& of, both_amplitudes& own, double seen) const
@@ -243,6 +246,14 @@ double press_filter::update_mean(explanation& of, both_amplitudes& own, double s
         own = taken;
     of.in_part = 1 / (1 + std::exp(all - part));
     return log_sum(all, part);
+}
+
+// Amplitudes of a press at these phases, by the off states.
+pair_of_ends press_filter::caused_by_off(const explanation& of,
+                                         const pair_of_ends& phase) const
+{
+    const bool touched = of.is == pressed || of.is == unexplained;
+    return touched && of.line.known ? d_off.amplitude(of.change(phase)) : pair_of_ends{};
 }
 
 // Whether the amplitudes show how far both ends have turned.
@@ -329,9 +340,7 @@ double press_filter::begin_strength(explanation& to, double spread) const
 both_amplitudes press_filter::seen_strength(const explanation& of) const
 {
     auto seen = of.press.strength;
-    if (!shows_turns(of))
-        return seen;
-    seen.grow(d_off.amplitude(of.change(of.press.motion.phase())));
+    seen.grow(caused_by_off(of, of.press.motion.phase()));
     return seen;
 }
 
@@ -342,6 +351,9 @@ void press_filter::begin_press(explanation& to) const
     to.press.held = to.line;
     to.hold_level();
     to.press.strength = seen_amplitude();
+    const auto caused = caused_by_off(to, d_group.phase);
+    to.press.strength.grow({ -caused[0], -caused[1] });
+    to.press.with_common = 0;
 }
 
 both_amplitudes press_filter::seen_amplitude() const

@@ -81,11 +81,4 @@ def _new_filter(
     ratios = (np.exp(1j * np.radians(phases)) - off) / (untouched - np.array(off))
     step = float(np.log(forces[1] / forces[0]))
     presses = np.angle(ratios), step, np.radians(_SPREAD_DEG), values
-    if off[0] != off[1]:
-        made = press_filter(*presses, untouched_rad.tolist(), off, off_std)
-        if made.off_states_differ:
-            return made
-    # A reflective off state changes the amplitude by the press; contacts that lose some of it add.
-    spread = float(np.sqrt(np.mean(np.log(np.abs(ratios)).mean(axis=2) ** 2)))
-    values["contact_np"] = np.hypot(values["contact_np"], spread)
-    return press_filter(*presses)
+    return press_filter(*presses, untouched_rad.tolist(), off, off_std)
