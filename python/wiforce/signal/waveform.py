@@ -94,6 +94,13 @@ class Waveform:
         return self.preamble[self.first_averaged :][: self.symbol_length]
 
     @property
+    def prefix_length(self) -> int:
+        """Samples before the averaged ones that are those a symbol later, as a cyclic prefix."""
+        sent, first = self.preamble, self.first_averaged
+        differs = np.flatnonzero(~np.isclose(sent[:first], sent[self.symbol_length :][:first]))
+        return first - 1 - int(differs[-1]) if len(differs) else first
+
+    @property
     def is_derotated(self) -> bool:
         """Whether the rotation of a tone within the symbol is undone before the FFT.
 

@@ -81,10 +81,11 @@ def test_no_period_is_found_in_less_than_a_frame_and_a_half(name, length):
         assert find_frame_period(sent[:count], waveform).samples is None, count
 
 
-def test_a_delay_inside_the_dropped_repetition_needs_no_new_alignment():
-    waveform = sounding_waveform()
-    for late, kept in ((0, True), (20, True), (56, True), (57, False), (700, False)):
-        assert keeps_alignment((late - MARGIN) % 720, waveform) is kept
+@pytest.mark.parametrize("name, last", [("repeated", 56), ("wifi", 24)])
+def test_a_delay_inside_the_cyclic_prefix_needs_no_new_alignment(name, last):
+    waveform = sounding_waveform(name, 720)
+    for late in (0, 20, last, last + 1, 100, 700):
+        assert keeps_alignment((late - MARGIN) % 720, waveform) is (late <= last)
 
 
 def received(name, length, count, snr_db, offset_hz=0.0):

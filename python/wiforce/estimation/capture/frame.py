@@ -119,7 +119,7 @@ def has_quiet_samples(waveform: Waveform) -> bool:
 def keeps_alignment(offset: int, waveform: Waveform) -> bool:
     """Whether frames cut from sample 0 hold averaged repetitions of one at ``offset``."""
     late = (offset + MARGIN) % waveform.frame_length
-    return late <= waveform.first_averaged - MARGIN
+    return late <= waveform.prefix_length - MARGIN
 
 
 def elsewhere(samples: Array, waveform: Waveform) -> int | None:
