@@ -383,12 +383,13 @@ double press_filter::density(const explanation& of, const pair_of_ends& phase) c
 double press_filter::chord(
     const mixture& from, const both_ends& to, state after, double variance, double any)
 {
-    double length2 = 0, along = 0, noise = 0;
+    double length2 = 0, around = 0, along = 0, noise = 0;
     both_ends step, seen;
     for (int e = 0; e < 2; e++) {
         step[e] = to[e] - from.start[e];
         seen[e] = from.seen[e] - from.start[e];
         length2 += std::norm(step[e]);
+        around += std::norm(step[e]) - squared(std::abs(to[e]) - std::abs(from.start[e]));
         along += (std::conj(step[e]) * seen[e]).real();
         noise += (from.seen_variance + variance / 4) / 2 * std::norm(from.start[e]);
     }
@@ -397,9 +398,10 @@ double press_filter::chord(
     for (int e = 0; e < 2; e++)
         off += std::norm(seen[e] - share * step[e]);
     // Three degrees of freedom lie across the chord. A change takes a part of the group
-    // and follows the circle, so that its mean lies beside the chord; and the force may
-    // have changed before the press ended, or after it began, for as long as it lasted.
-    const double beside = noise + squared(length2 * share * (1 - share) / 4),
+    // and its phases follow the circle, so that its mean lies beside the chord; and the
+    // force may have changed before the press ended, or after it began, for as long as it
+    // lasted.
+    const double beside = noise + squared(around * share * (1 - share) / 4),
                  is_pressed = (from.before == untouched ? 0 : 1 - share) +
                               (after == untouched ? 0 : share),
                  ramped = beside + squared(is_pressed * ramp_deg * deg);
