@@ -410,7 +410,7 @@ void press_filter::begin_changing(const explanation& from, double probability)
         change_steadily(from, sliding * each, true, i);
     }
     // A finger that warms the line turns both ends as slowly as a force creeps.
-    if (!from.turn.goes_on)
+    if (!from.turn.goes_on && d_set.drift_deg != 0)
         turn_slowly(from, each, course::warms, 0, false);
 }
 

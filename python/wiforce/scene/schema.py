@@ -339,7 +339,8 @@ class SceneSensor:
     drift_deg_per_sqrt_s: float | None = key(
         Number(unit="deg", low=0, high=360, optional=True),
         doc="Random walk of the untouched phases: its standard deviation after one second. It "
-        "raises the standard deviations during a touch. Learned while untouched when null.",
+        "raises the standard deviations during a touch. Learned while untouched when null; 0 also "
+        "says that no finger warms the line.",
     )
     turns_per_s: float | None = key(
         Number(unit="1/s", low=0, high=10, optional=True),

@@ -250,6 +250,31 @@ def test_press_at_mid_line_is_not_read_as_untouched_where_both_switches_reflect(
     assert probability(found, found["is"] == UNTOUCHED, len(rows))[100] < 0.99
 
 
+@pytest.mark.parametrize("off", [0.116 - 0.172j, -0.191 - 0.012j])
+def test_force_that_rises_slowly_is_followed_where_both_switches_reflect(off):
+    """The off state changes the amplitude with the phases; it was taken for a turning tag."""
+    force = np.interp(np.arange(300), (70, 140), (0.2, 4.0))
+    phases = np.array([MODEL.phases_deg(each, 50.0) for each in force]) - MODEL.untouched_deg()
+    phases[:70] = 0
+    phases += 0.1 * np.random.default_rng(2).standard_normal(phases.shape)
+    found = explained(rows_by_off_states((off, off), phases, noise_deg=0.1), filter_for(off))
+    here = found[found["row"] > 150]
+    turned = np.degrees(np.abs(here["baseline"]).max(axis=1)) > 1
+    assert here["weight"][turned].sum() < 0.01 * here["weight"].sum()
+
+
+@pytest.mark.parametrize("drift_deg, warms", [(-1.0, True), (0.0, False)])
+def test_finger_warms_no_line_that_is_said_to_stay(drift_deg, warms):
+    forces = np.interp(np.arange(300), (70, 75, 110, 180), (0.2, 3.0, 3.0, 5.0))
+    phases = np.array([MODEL.phases_deg(each, 40.0) for each in forces]) - MODEL.untouched_deg()
+    phases[:70] = 0
+    rows = rows_of(phases, noise_deg=0.03, untouched=60)
+    found = explained(rows, drift_deg=drift_deg, turns=0.0, hands=0.0)
+    here = found[found["row"] > 200]
+    turned = np.degrees(np.abs(here["baseline"]).max(axis=1)) > 1
+    assert (here["weight"][turned].sum() > 0.3 * here["weight"].sum()) == warms
+
+
 def test_reference_may_be_exchanged_at_any_time():
     """The same groups against another reference: the same explanations, turned."""
     rows = rows_of(phases_of(PRESS))
