@@ -12,9 +12,9 @@ SNAPSHOT_S = 57.6e-6
 _POINT_S = 2e-3  # a group is the mean over points so far apart, or over six
 _LOCATION_MM = (16.0, 64.0)
 _FORCE_N = (1.3, 8.0)
-# Off states of the switches over their reflection, where they differ, and by how much those that
-# the reader knows may be wrong.
-OFF_STATES, OFF_ERROR = (0.3, -0.3), 0.05
+# Off states of the switches over their reflection, where they differ and where both are alike, and
+# by how much those that the reader knows may be wrong.
+OFF_STATES, OFF_ALIKE, OFF_ERROR = (0.3, -0.3), (0.12 - 0.17j, 0.12 - 0.17j), 0.05
 _SOME_ENDS = np.array([[1, 0], [0, 1], [1, 1]])
 
 #: What happens in each family beside presses.
@@ -37,7 +37,16 @@ FAMILIES = {
     "tremor": ("tremor",),
     "brownouts": ("brownouts",),
     "warm": ("warm",),
+    "off states alike": ("turned touches", "off states alike"),
+    "loss": ("loss",),
 }
+
+
+def off_states(effects):
+    """Off states of both switches over their reflection; None where they are zero."""
+    if "off states alike" in effects:
+        return np.array(OFF_ALIKE)
+    return np.array(OFF_STATES, complex) if "off states" in effects else None
 
 
 def _one_of(rng, *ranges):
@@ -194,12 +203,15 @@ class Sequence:
             self._spoil(psi, force, spans)
         psi[force < self.truth.onset_force_n] = self.truth.untouched_deg()
         log_ratio = 1j * np.radians(psi - self.truth.untouched_deg())
-        if "off states" in effects:
-            off = np.array(OFF_STATES, complex)
+        off = off_states(effects)
+        if off is not None:
             if "in error" in effects:
                 off *= 1 + OFF_ERROR * np.exp(2j * np.pi * rng.random(2))
             ends = np.exp(1j * np.radians([*psi, self.truth.untouched_deg()])) - off
             log_ratio = np.log(ends[:-1] / ends[-1])
+        if "loss" in effects:  # the harder the contact, the more
+            most = log_uniform(rng, 0.01, 0.1) * rng.uniform(0.5, 1, 2)
+            log_ratio -= most * (1 - np.exp(-force / rng.uniform(0.5, 4)))[:, None]
         if self.drift_deg:
             step = np.radians(self.drift_deg) * np.sqrt(self.period_s / self._shape[1])
             log_ratio += 1j * np.cumsum(step * rng.standard_normal((len(t), 2)), axis=0)

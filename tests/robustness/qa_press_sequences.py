@@ -11,7 +11,7 @@ from press_sequences import FAMILIES, Sequence
 from sequence_readings import by_receiver, by_stream, score
 
 # What looks like a press where it coincides with one.
-TURNING = "turns", "turning mixture", "cables", "brownouts"
+TURNING = "turns", "turning mixture", "cables", "brownouts", "off states alike"
 # Of unflagged readings, for a few sequences and for 200.
 SHORT, LONG = 1e-3, 2e-4
 SHORT_TURNING = 3e-2
@@ -21,6 +21,7 @@ LONG_TURNING = {
     "cables": 2e-2,
     "brownouts": 5e-3,
     "off states in error": 5e-3,
+    "off states alike": 5e-3,
     "warm": 3e-2,
 }
 # Where a stream has more to do than to read groups: some are missing, or there are tares.
@@ -73,6 +74,13 @@ def test_turns_during_touches_are_followed_by_off_states_in_error(seed):
     """One that slows, and one that begins while a press slides, were taken for force."""
     found = score([seed], 625, "off states in error")
     assert not found.wrong, str(found)
+
+
+@pytest.mark.parametrize("family, seed", [("off states", 155), ("drift", 181)])
+def test_changes_inside_two_groups_leave_the_line(family, seed):
+    """Another press while the tag turns by 29 degrees, and a press that rises in part of a group."""
+    found = score([seed], 625, family)
+    assert not found.wrong and found.counts["unflagged"] > 300, str(found)
 
 
 def test_a_force_that_swings_is_not_taken_for_a_turning_tag():

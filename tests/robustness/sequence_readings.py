@@ -10,7 +10,7 @@ from gnuradio.wiforce.estimation.capture.folded_groups import SnapshotGroup
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.receiver.stream import StreamReader
-from press_sequences import FAMILIES, OFF_STATES, REFERENCE_S, SNAPSHOT_S, Sequence
+from press_sequences import FAMILIES, REFERENCE_S, SNAPSHOT_S, Sequence, off_states
 
 CLOCKS_HZ = 1000.0, 1400.0
 # How often a tag turns, as the scene says: at any time, or while it is touched.
@@ -25,13 +25,12 @@ _BATCHES = 1, 3, 16, 28, 100
 
 @lru_cache
 def plan_of(sensors, snapshots, turns_per_s=None, effects=()):
+    off = off_states(effects)
     named = [
         {"name": f"s{i}", "model": "line-900mhz-calibrated", "clock_hz": CLOCKS_HZ[i]}
         | ({"turns_per_s": turns_per_s} if turns_per_s else {})
         | (
-            {"off_reflection": [[off, 0.0] for off in OFF_STATES]}
-            if "off states" in effects
-            else {}
+            {"off_reflection": [[end.real, end.imag] for end in off]} if off is not None else {}
         )
         # In error they are known as by default.
         | ({} if "in error" in effects else {"off_reflection_std": 0.0})
