@@ -78,7 +78,7 @@ def test_turns_during_touches_are_followed_by_off_states_in_error(seed):
 
 @pytest.mark.parametrize("family, seed", [("off states", 155), ("drift", 181)])
 def test_changes_inside_two_groups_leave_the_line(family, seed):
-    """Another press while the tag turns by 29 degrees, and a press that rises in part of a group."""
+    """Another press while the tag turns by 29 degrees; one that rises in part of a group."""
     found = score([seed], 625, family)
     assert not found.wrong and found.counts["unflagged"] > 300, str(found)
 
