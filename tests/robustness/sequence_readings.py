@@ -29,9 +29,7 @@ def plan_of(sensors, snapshots, turns_per_s=None, effects=()):
     named = [
         {"name": f"s{i}", "model": "line-900mhz-calibrated", "clock_hz": CLOCKS_HZ[i]}
         | ({"turns_per_s": turns_per_s} if turns_per_s else {})
-        | (
-            {"off_reflection": [[end.real, end.imag] for end in off]} if off is not None else {}
-        )
+        | ({"off_reflection": [[end.real, end.imag] for end in off]} if off is not None else {})
         # In error they are known as by default.
         | ({} if "in error" in effects else {"off_reflection_std": 0.0})
         for i in range(sensors)
