@@ -69,7 +69,8 @@ class Outputs(Output):
 
     def __exit__(self, *error: Any) -> None:
         self._ending.__exit__(*error)
-        if self.failure is not None and error[0] is None:
+        # An interruption does not hide it.
+        if self.failure is not None and not isinstance(error[1], Exception):
             raise self.failure
 
     def add(self, output: Output) -> None:
