@@ -92,7 +92,6 @@ class LiveSession:
         fields = {
             "core:description": "Recorded by gr-wiforce live",
             "core:recorder": f"gr-wiforce {VERSION}",
-            "core:extensions": [{"name": "wiforce", "version": VERSION, "optional": True}],
             "wiforce:scene": scene.as_dict(path),
             "wiforce:tx_amplitude": self._request.amplitude,
         }

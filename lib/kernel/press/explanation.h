@@ -128,7 +128,7 @@ struct explanation {
         drifting_phases held; // or drifts like the untouched line
         bool steady = false, slides = false;
         std::size_t speed = 0; // of the steady change, of `speeds`
-        // Where the off states differ, less than they cause.
+        // Less than the off states cause.
         both_amplitudes strength;
         double with_common =
             0; // covariance of its difference with the line's common phase

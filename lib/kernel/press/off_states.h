@@ -18,8 +18,6 @@ namespace gr::wiforce::kernel {
 class off_states
 {
 public:
-    //! Of ends that are alike: amplitudes say nothing of phases.
-    off_states() = default;
     /*!
      * \param untouched psi0 of both ends, rad
      * \param off G_off / rho of both switches, each of a magnitude below 1

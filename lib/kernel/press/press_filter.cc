@@ -196,6 +196,7 @@ void press_filter::start(const press_observation& group)
     touched.line.known = false;
     touched.log_weight = std::log1p(-sure);
     begin_press(touched);
+    see_strength(touched);
     give(touched, 0);
 }
 
@@ -658,6 +659,7 @@ void press_filter::claim_untouched(double probability)
                 kept.is = unexplained;
                 kept.turn.goes_on = false;
                 begin_press(kept);
+                see_strength(kept);
             } else if (kept.press.steady)
                 kept.hold_level();
             else

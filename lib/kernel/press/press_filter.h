@@ -44,7 +44,7 @@ public:
 
     press_filter(std::shared_ptr<const press_image> image,
                  const press_parameters& settings,
-                 const off_states& off = {});
+                 const off_states& off);
 
     //! Whether amplitudes distinguish a turn of the tag from a press.
     bool off_states_differ() const { return d_off_differ; }
@@ -164,6 +164,7 @@ private:
     double update_amplitude(explanation& of, both_amplitudes& own) const;
     void drift(explanation& to) const;
     void begin_press(explanation& to) const;
+    void see_strength(explanation& to) const;
     pair_of_ends press_direction(const explanation& of) const;
     double direction_variance(const explanation& of) const;
     double density(const explanation& of, const pair_of_ends& phase) const;

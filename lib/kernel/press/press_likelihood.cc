@@ -350,6 +350,11 @@ void press_filter::begin_press(explanation& to) const
     to.press.motion.hold(d_group.phase, d_noise);
     to.press.held = to.line;
     to.hold_level();
+}
+
+// Of a press of which nothing but this group is known.
+void press_filter::see_strength(explanation& to) const
+{
     to.press.strength = seen_amplitude();
     const auto caused = caused_by_off(to, d_group.phase);
     to.press.strength.grow({ -caused[0], -caused[1] });

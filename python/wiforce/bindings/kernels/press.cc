@@ -220,9 +220,9 @@ void bind_press(py::module& m)
              "log_step"_a,
              "spread"_a,
              "parameters"_a,
-             "untouched"_a = pair_of_ends{},
-             "off"_a = std::array<std::complex<double>, 2>{},
-             "off_std"_a = 0.0)
+             "untouched"_a,
+             "off"_a,
+             "off_std"_a)
         .def_property_readonly("off_states_differ", &press_filter::off_states_differ)
         .def("__copy__", [](const press_filter& filter) { return filter; })
         .def("take",
