@@ -11,7 +11,6 @@ namespace gr::wiforce::kernel {
 namespace {
 
 constexpr double least_variance = 1e-12; // of a contact's loss, Np^2
-constexpr int most_passes = 5;           // each halves at least what large turns bend
 
 } // namespace
 
@@ -292,18 +291,18 @@ press_filter::update_turned(explanation& to, double log_phases, double variance)
 }
 
 // Where the off states differ the amplitudes show the common phase, as far as is known
-// what the contact loses: an iterated Kalman filter of both, which are correlated from
-// then on. A large turn bends what is seen.
+// what the contact loses: a Kalman filter of both, which are correlated from then on. A
+// large turn bends what is seen, so that it is linearized again where the first pass
+// leads.
 double press_filter::update_turn(explanation& to) const
 {
     auto& own = to.press.strength;
     const double known = to.line.common.estimate().variance;
     const auto seen = to.change(d_group.phase);
     pair_of_ends expected;
-    double turned = 0, before, off, variance, by_turn, by_loss;
-    int passes = 0;
+    double turned = 0, off, variance, by_turn, by_loss;
+    bool again = false;
     do {
-        before = turned;
         const pair_of_ends change{ seen[0] - turned, seen[1] - turned };
         expected = d_off.amplitude(change);
         const double slope = -d_off.slope(change);
@@ -314,7 +313,8 @@ double press_filter::update_turn(explanation& to) const
         off = d_amplitude_difference - (expected[0] - expected[1]) - own.difference +
               slope * turned;
         turned = by_turn * off;
-    } while (std::abs(turned - before) > deg && ++passes < most_passes);
+        again = !again && std::abs(turned) > deg;
+    } while (again);
     own.difference += by_loss * off;
     own.difference_variance =
         std::max(own.difference_variance - squared(by_loss) * variance, least_variance);
