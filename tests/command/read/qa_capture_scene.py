@@ -209,14 +209,22 @@ def test_read_integers_as_floats_are_refused(press):
             wiforce.read(press.with_suffix(".sigmf-data"), SCENE, datatype="cf32_le")
 
 
-def test_read_leading_silence_finds_the_frames_behind_it(press, tmp_path):
-    """Recorders are often started before the transmitter."""
-    silence = np.zeros(2 * 500_155, "<i2")
+@pytest.mark.parametrize("noise", [0, 3], ids=["zeros", "noise"])
+def test_read_begins_with_the_first_frame_that_was_received(press, tmp_path, noise):
+    """Recorders are often started before the transmitter: what came before was the reference."""
+    before = 700_155  # .56 s, longer than the reference
+    silence = noise * np.random.default_rng(1).standard_normal(2 * before)
     codes = np.fromfile(press.with_suffix(".sigmf-data"), "<i2")
-    np.concatenate([silence, codes]).tofile(tmp_path / "late.bin")
+    np.concatenate([silence.astype("<i2"), codes]).tofile(tmp_path / "late.bin")
     reader = RecordingReader(open_capture(tmp_path / "late.bin", "ci16_le"), wiforce.plan(SCENE))
     # Without a guard frames begin with any of their symbols.
-    assert (reader.frame_offset + 8 - 500_155) % 64 <= 8
+    assert (reader.frame_offset + 8 - before) % 64 <= 8
+    assert abs(reader.frame_offset - before) <= 320
+    late = wiforce.read(tmp_path / "late.bin", SCENE, datatype="ci16_le")
+    whole = wiforce.read(press)[: len(late)]
+    assert late["flags"].tolist() == whole["flags"].tolist()
+    # Other samples of the same frames: by less than the noise.
+    assert late["phase1_deg"].tolist() == pytest.approx(whole["phase1_deg"].tolist(), abs=0.2)
 
 
 @pytest.mark.parametrize("stated", [True, False])

@@ -91,9 +91,15 @@ def _mean_of_frames(samples: Array, frame_length: int) -> Array | None:
 
 
 def _match(mean: Array, waveform: Waveform) -> Array:
-    """Correlation of a mean frame with the sent frame at every cyclic shift, (frame_length,)."""
+    """Correlation of frames (..., frame_length) with the sent one at every cyclic shift."""
     spectrum = np.fft.fft(mean) * np.fft.fft(waveform.frame()).conj()
     return np.abs(np.fft.ifft(spectrum))
+
+
+def frame_powers(samples: Array, waveform: Waveform) -> Array:
+    """Power of the preamble in each whole frame, wherever in it it begins; (n,)."""
+    frames = np.nan_to_num(whole_frames(samples, waveform.frame_length))
+    return _match(frames, waveform).max(axis=1, initial=0.0) ** 2
 
 
 def _noise(mean: Array, match: float, waveform: Waveform) -> float:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterator
 
 import numpy as np
@@ -20,6 +21,7 @@ from .frame import (
     find_frame_offset,
     find_frame_period,
     frame_offset_in,
+    frame_powers,
     has_quiet_samples,
     repeats_every_frame,
     samples_needed,
@@ -32,6 +34,8 @@ from .frame import (
 _POSITIONS = 24
 # Samples of a last, longer search: 6 dB more sensitive.
 _LONG_SEARCH = 1 << 20
+# Share of the power of frames from which on one is received, and no noise before them.
+_RECEIVED = 0.1
 # Static paths that leave less likeness than this between preamble and symbol have not been seen: of
 # all shipped scenes 0.6 is the least. Another rate or waveform leaves 0.03 to 0.3.
 _UNLIKELY = 0.4
@@ -84,7 +88,26 @@ def first_frame(recording: Capture, waveform: Waveform) -> tuple[int, int]:
     # On the grid that begins with the first sample, frames are where they are at the start.
     start = place - place % waveform.frame_length
     samples = recording.read_span(start, searched_samples(waveform))
-    return frame_offset_in(samples, waveform), place
+    offset = frame_offset_in(samples, waveform)
+    return _first_received(recording, waveform, offset, start + offset), place
+
+
+def _first_received(recording: Capture, waveform: Waveform, offset: int, place: int) -> int:
+    """Sample of the first frame that is received; ``place`` is that of any which is.
+
+    Recorders are often started before the transmitter, and the first groups are the reference.
+    """
+    length = waveform.frame_length
+    block = samples_needed(length) // length * length
+
+    def powers(begin: int, count: int = block) -> Array:
+        return frame_powers(recording.read_span(begin, count), waveform)
+
+    least = _RECEIVED * float(np.mean(powers(place)))
+    begins = range(offset + (place - offset) % block, place, block)
+    first = bisect_left(begins, True, key=lambda begin: bool(np.mean(powers(begin)) > least))
+    begin = max(offset, begins.start + (first - 1) * block)
+    return begin + length * int(np.argmax(powers(begin, 2 * block) > least))
 
 
 def _places(span: int, needed: int) -> Iterator[int]:
