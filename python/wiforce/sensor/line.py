@@ -106,6 +106,12 @@ class ContactLaw:
         return np.maximum(np.stack([first, second], axis=-1), 0.0)
 
 
+def distances_mm(location_mm: ArrayLike, length_mm: float) -> np.ndarray:
+    """Distances (..., 2) of a location from both ports of a line."""
+    location = np.asarray(location_mm, float)
+    return np.stack([location, length_mm - location], axis=-1)
+
+
 def short_phase_deg(
     distance_mm: ArrayLike, frequency_hz: float, permittivity: float = 1.0
 ) -> np.ndarray:
