@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import InputError, unwritable
+from ..errors import InputError
 from ..io.readings import WEAK_PHASE_DEG, Reading
 from ..io.text.textfile import (
     MAX_CSV_BYTES,
@@ -21,7 +21,7 @@ from ..io.text.textfile import (
     check_output,
     read_bytes,
     read_csv,
-    write_whole,
+    write_text,
 )
 from ..sensor import line
 from ..sensor.curves import CurveModel
@@ -390,10 +390,7 @@ class CalibrationSession:
             cells = ["" if math.isnan(number) else f"{number:.8g}" for number in numbers]
             sweep = "" if m.untouched else m.sweep
             writer.writerow([m.time_utc, *fixed, *cells, m.groups, sweep])
-        try:
-            write_whole(self.path, text.getvalue())
-        except OSError as error:
-            raise unwritable(self.path, error) from error
+        write_text(self.path, text.getvalue())
         self._data, self.measurements = text.getvalue().encode(), measurements
 
     def _measurement(self, number: int, row: dict[str, str]) -> PressMeasurement:
