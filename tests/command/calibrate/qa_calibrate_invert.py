@@ -64,6 +64,10 @@ def test_phases_become_force_and_location_between_the_calibrated_ones(folder, li
         ("", "has no rows"),
         ("phase1_deg,phase2_deg\n", "has no rows"),
         ("phase1_deg\n1\n", "must have a column phase2_deg"),
+        ("phase1_deg,phase1_deg\n1,2\n", "must have different names, got 'phase1_deg'"),
+        # A decimal comma shifts all fields behind it.
+        ("phase1_deg,phase2_deg\n1,2\n1,5,2\n", "row 3: must have as many fields as there are"),
+        ("phase1_deg,phase2_deg\n1,2,\n", "row 2: must have as many fields as there are columns"),
         ("phase1_deg,phase2_deg\n1,x\n", "row 2: phase2_deg: must be a number, got 'x'"),
         ("phase1_deg,phase2_deg\n1,nan\n", "row 2: phase2_deg: must be finite and at most 1e+12"),
         (

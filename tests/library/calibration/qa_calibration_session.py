@@ -197,23 +197,6 @@ def test_press_that_slipped_further_than_a_short_moves_is_refused(tmp_path):
     assert len(session.presses) == 5
 
 
-def test_wrong_mark_of_the_ruler_is_found_by_the_other_locations(tmp_path):
-    """Each location has curves of its own, so residuals cannot show it.
-
-    Its neighbours, which it predicts wrongly, were named as well.
-    """
-    path, place, error_mm = tmp_path / "arm.taps.csv", 50.0, -3.0
-    session = CalibrationSession(PLAN, path, {"ruler_std_mm": 0.3})
-    session.add(untouched())
-    while target := session.next_target():
-        there = target.location_mm + (error_mm if target.location_mm == place else 0.0)
-        new = press(target.force_n, there)
-        session.add(replace(new, location_mm=target.location_mm))
-    (found,) = session.doubts()
-    assert found.startswith(f"location {place:g} mm ") and "was the ruler right" in found
-    assert float(found.split("at ")[1].split(" mm")[0]) == pytest.approx(place + error_mm, abs=0.5)
-
-
 @pytest.mark.parametrize(
     ("force_n", "rule"),
     [
