@@ -132,10 +132,11 @@ class LocationInterpolation:
         """Splines over location: mean weights, their covariance, residual variance; by port."""
         (grid, slopes), ports = _grid(self.length_mm), []
         for port in (0, 1):
-            predictions = [self._kriging(grid, t, port) for t in self.transitions]
-            weights = np.concatenate([p[0] for p in predictions])
-            share = np.repeat([t.probability for t in self.transitions], 4) / 4
-            share = share * np.concatenate([p[2] for p in predictions])
+            predictions = zip(
+                *(self._kriging(grid, t, port) for t in self.transitions), strict=True
+            )
+            weights, variance, seen = map(np.concatenate, predictions)
+            share = seen * np.repeat([t.probability for t in self.transitions], 4) / 4
             if not np.any(share):
                 rule = "must change between the calibrated locations (are they in mm?)"
                 raise InputError("sensor: interpolation", rule)
@@ -144,7 +145,7 @@ class LocationInterpolation:
             spread = np.einsum("h,hgj,hgi->gji", share, weights, weights)
             spread -= mean[:, :, None] * mean[:, None, :]
             residual = np.repeat([t.residual_variance for t in self.transitions], 4)
-            within = (share * residual) @ np.concatenate([p[1] for p in predictions])
+            within = (share * residual) @ variance
             ports.append((mean, spread, within))
         tables = (np.stack(both, axis=1) for both in zip(*ports, strict=True))
         return [CubicSpline(grid, table, slopes) for table in tables]

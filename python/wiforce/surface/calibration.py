@@ -170,11 +170,8 @@ def _knots(spacing_mm: float, data: _Data) -> Array:
 
 
 def _table(knots: Array, data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
-    middle = len(knots) - 1
-    both = _basis(np.concatenate([-knots[:0:-1], knots]), data.distance_mm)
-    basis = both[..., middle:].copy()
-    basis[..., 1:] += both[..., :middle][..., ::-1]
-    # The same on both sides, and nothing at the end.
+    # The same on both sides, and so level beneath the press, and nothing at the end.
+    basis = _basis(knots, np.abs(data.distance_mm), "clamped")
     bends = np.diff(np.eye(len(knots))[np.r_[1, : len(knots)]], 2, axis=0) / _BEND
     penalty = np.concatenate([bends, np.eye(len(knots))[-1:] / _END_STD])
     # What is fitted is by how much each share exceeds the next one, so that none rises.
@@ -220,12 +217,12 @@ def _gaussian(knots: Array, data: _Data, used: NDArray[np.bool_], std: float) ->
 _FAMILIES = {"strips": _strips, "table": _table, "gaussian": _gaussian}
 
 
-def _basis(knots: Array, distance_mm: Array) -> Array:
+def _basis(knots: Array, distance_mm: Array, start: str = "natural") -> Array:
     """What each point of a table adds to the shares; shape (n, S, points)."""
     from scipy.interpolate import CubicSpline
 
     inside = np.clip(distance_mm, knots[0], knots[-1])
-    found: Array = CubicSpline(knots, np.eye(len(knots)), bc_type="natural")(inside)
+    found: Array = CubicSpline(knots, np.eye(len(knots)), bc_type=(start, "natural"))(inside)
     return found
 
 
