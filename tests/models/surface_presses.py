@@ -12,19 +12,19 @@ from skin_law import ALONG_MM, STRIPS_MM, strip_loads
 
 CARRIER_HZ = 900e6
 PERIOD_S = 0.036
-NAMES = ("a", "b", "c", "d")
+NAMES, CLOCKS_HZ = ("a", "b", "c", "d"), (1035.0, 1165.0, 1365.0, 1480.0)
 _TRUTH = "line-900mhz"
 _NOISE_DEG = 0.1
 # Groups before the presses, and groups of each.
 _BEFORE, _EACH = 14, 5
 
 
-def scene(**surface):
-    """A scene of the strips, read with a noisy calibration of what is pressed."""
-    clocks = zip(NAMES, (1035, 1165, 1365, 1480), strict=True)
+def scene(models=f"{_TRUTH}-calibrated", **surface):
+    """A scene of the strips, by default read with a noisy calibration of what is pressed."""
+    clocks = zip(NAMES, CLOCKS_HZ, strict=True)
     return {
         "sensors": [
-            {"name": name, "model": f"{_TRUTH}-calibrated", "clock_hz": hz} for name, hz in clocks
+            {"name": name, "model": models.format(name), "clock_hz": hz} for name, hz in clocks
         ],
         "surface": {
             "strips": [
