@@ -100,10 +100,9 @@ def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> tuple[S
     most = skin.untouched_below_n / taps.force_n[:, None]
     data = _Data(distance, np.nan_to_num(share), np.nan_to_num(noise), shown, taps.untouched, most)
     make, std = partial(_FAMILIES[law], _knots(skin.spacing_mm, data)), 0.02
-    every = np.ones(len(taps), bool)
     for _ in range(3):
         std = _left_out_std(make, data, std)
-    keys = make(data, every, std)
+    keys = make(data, std)
     residual = (_expected(Spreading(**keys), data) - data.share)[shown]
     # Of the outer taps, which are never left out, only the residual is known.
     std = max(std, _excess_std(residual, data.noise[shown]))
@@ -147,12 +146,13 @@ class _Data:
     untouched: NDArray[np.bool_]
     most: Array
 
-    def of_strip(self, strip: int) -> "_Data":
-        return _Data(*(v[:, strip : strip + 1] for v in vars(self).values()))
+    def __getitem__(self, which: Any) -> "_Data":
+        """Those of some taps, and strips, as of each array."""
+        return _Data(*(values[which] for values in vars(self).values()))
 
 
-# Data, the taps to use and the standard deviation of a share, to the keys of a law.
-_Make = Callable[[_Data, NDArray[np.bool_], float], dict[str, Any]]
+# Data and the standard deviation of a share, to the keys of a law.
+_Make = Callable[[_Data, float], dict[str, Any]]
 
 
 def _expected(law: Spreading, data: _Data) -> Array:
@@ -169,33 +169,33 @@ def _knots(spacing_mm: float, data: _Data) -> Array:
     return knots
 
 
-def _table(knots: Array, data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
+def _table(knots: Array, data: _Data, std: float) -> dict[str, Any]:
     # The same on both sides, and so level beneath the press, and nothing at the end.
     basis = _basis(knots, np.abs(data.distance_mm), "clamped")
     bends = np.diff(np.eye(len(knots))[np.r_[1, : len(knots)]], 2, axis=0) / _BEND
     penalty = np.concatenate([bends, np.eye(len(knots))[-1:] / _END_STD])
     # What is fitted is by how much each share exceeds the next one, so that none rises.
     falls = np.triu(np.ones((len(knots), len(knots))))
-    fitted = _least_squares(basis @ falls, data, used, std, penalty @ falls)
+    fitted = _least_squares(basis @ falls, data, std, penalty @ falls)
     points = tuple(knots.round(4).tolist())
     return {"law": "table", "distance_mm": points, "shares": _listed(falls @ fitted)}
 
 
-def _strips(knots: Array, data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
+def _strips(knots: Array, data: _Data, std: float) -> dict[str, Any]:
     knots = np.concatenate([-knots[:0:-1], knots])
     # Points that no tap determines are drawn to 0.
     bends = np.diff(np.eye(len(knots)), 2, axis=0) / _BEND
     penalty = np.concatenate([bends, np.eye(len(knots)) / _UNKNOWN])
     curves = []
     for strip in range(data.share.shape[1]):
-        own = data.of_strip(strip)
+        own = data[:, [strip]]
         basis = _basis(knots, own.distance_mm)
-        curves.append(_listed(_least_squares(basis, own, used, std, penalty)))
+        curves.append(_listed(_least_squares(basis, own, std, penalty)))
     points = tuple(knots.round(4).tolist())
     return {"law": "strips", "distance_mm": points, "strip_shares": tuple(curves)}
 
 
-def _gaussian(knots: Array, data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
+def _gaussian(knots: Array, data: _Data, std: float) -> dict[str, Any]:
     from scipy.optimize import least_squares
 
     def keys(share: float, width_mm: float) -> dict[str, Any]:
@@ -205,7 +205,7 @@ def _gaussian(knots: Array, data: _Data, used: NDArray[np.bool_], std: float) ->
         law = Spreading(**keys(*parameters))
         off = _expected(law, data) - np.where(data.shown, data.share, data.most)
         off = np.where(data.shown, off, np.maximum(off, 0) * data.untouched)
-        weighted: Array = (off / np.hypot(data.noise, std))[used].ravel()
+        weighted: Array = (off / np.hypot(data.noise, std)).ravel()
         return weighted
 
     start, bounds = [0.5, 0.8 * _PER_SPACING * knots[1]], ([0.01, 0.1], [1.0, 1000.0])
@@ -226,22 +226,18 @@ def _basis(knots: Array, distance_mm: Array, start: str = "natural") -> Array:
     return found
 
 
-def _least_squares(
-    basis: Array, data: _Data, used: NDArray[np.bool_], std: float, penalty: Array
-) -> Array:
+def _least_squares(basis: Array, data: _Data, std: float, penalty: Array) -> Array:
     """Points of a table; untouched strips count where it would give them too much."""
     from scipy.optimize import nnls
 
-    wanted = np.where(data.shown, data.share, data.most)
-    points: Array
+    wanted, counts = np.where(data.shown, data.share, data.most), data.shown
     weight = 1 / np.hypot(data.noise, std)
-    counts, points = data.shown & used[:, None], np.zeros(basis.shape[-1])
+    points: Array = np.zeros(basis.shape[-1])
     for _ in range(_ROUNDS):
         rows = np.concatenate([basis[counts] * weight[counts][:, None], penalty])
         values = np.concatenate([wanted[counts] * weight[counts], np.zeros(len(penalty))])
         points = nnls(rows, values)[0]
-        above = data.untouched & (basis @ points > data.most)
-        counts = (data.shown | above) & used[:, None]
+        counts = data.shown | (data.untouched & (basis @ points > data.most))
     return points
 
 
@@ -256,18 +252,15 @@ def _left_out_std(make: _Make, data: _Data, std: float) -> float:
     _, place = np.unique(data.distance_mm[:, 0].round(1), return_inverse=True)
     inner = (place > 0) & (place < place.max())
     folds = min(_FOLDS, int(place.max()) + 1)
-    errors: list[float] = []
-    noises: list[float] = []
+    errors, noises = [np.zeros(0)], [np.zeros(0)]
     for fold in range(folds):
-        used = ~inner | (place % folds != fold)
-        if not data.shown[used].any() or not data.shown[~used].any():
-            continue
-        law = Spreading(**make(data, used, std))
-        off = _expected(law, data) - data.share
-        left_out = data.shown & ~used[:, None]
-        errors += off[left_out].tolist()
-        noises += data.noise[left_out].tolist()
-    return _excess_std(np.array(errors), np.array(noises))
+        out = inner & (place % folds == fold)
+        used, left_out = data[~out], data[out]
+        if used.shown.any() and left_out.shown.any():
+            off = _expected(Spreading(**make(used, std)), left_out) - left_out.share
+            errors.append(off[left_out.shown])
+            noises.append(left_out.noise[left_out.shown])
+    return _excess_std(np.concatenate(errors), np.concatenate(noises))
 
 
 def _excess_std(errors: Array, noises: Array) -> float:
