@@ -121,24 +121,19 @@ def _phases(
     if len(readings) < LEAST_GROUPS:
         rule = f"must have at least {LEAST_GROUPS} readings"
         raise InputError(where, rule, len(readings))
-    missing = [r.touch is None or r.phase1_deg is None for r in readings]
-    state, found = ("touched", "no touch") if touch else ("released", "a touch")
-    rules = [
-        (missing, "must be received; the tag was not in {}"),
-        # A flag explains why the reader takes a press for none.
-        *(
-            (
-                [word in r.flags for r in readings],
-                f"must not be flagged; '{word}' in {{}}: {reason}",
-            )
-            for word, reason in refused.items()
-        ),
-        ([r.touch != touch for r in readings], f"must be {state}; {found} in {{}}"),
-    ]
-    for broken, rule in rules:
+
+    def refuse(broken: Sequence[bool], rule: str) -> None:
         if any(broken):
-            share = f"{sum(broken)} of {len(readings)} readings"
-            raise InputError(where, rule.format(share))
+            raise InputError(where, rule.format(f"{sum(broken)} of {len(readings)} readings"))
+
+    absent = [r.touch is None or r.phase1_deg is None for r in readings]
+    refuse(absent, "must be received; the tag was not in {}")
+    # A flag explains why the reader takes a press for none.
+    for word, reason in refused.items():
+        flagged = [word in r.flags for r in readings]
+        refuse(flagged, f"must not be flagged; '{word}' in {{}}: {reason}")
+    state, found = ("touched", "no touch") if touch else ("released", "a touch")
+    refuse([r.touch != touch for r in readings], f"must be {state}; {found} in {{}}")
     phases = np.array([(r.phase1_deg, r.phase2_deg) for r in readings], float)
     centre = np.rad2deg(np.angle(np.mean(np.exp(1j * np.deg2rad(phases)), axis=0)))
     deviations = wrap_deg(phases - centre)
