@@ -34,7 +34,7 @@ class TimedForces:
     @property
     def period_s(self) -> float:
         """Time between two readings, over which each is an average."""
-        return float(np.median(np.diff(self.time_s))) if len(self.time_s) > 1 else float("nan")
+        return float(np.median(np.diff(self.time_s)))
 
 
 @dataclass(frozen=True)

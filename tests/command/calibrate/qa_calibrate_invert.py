@@ -167,13 +167,6 @@ def test_calibrate_from_a_pipe_needs_the_kind_and_reads_it_once(folder, tmp_path
     assert model.phases_deg(4.0, 45.0) == pytest.approx(expected.phases_deg(4.0, 45.0), abs=1e-9)
 
 
-def test_a_sensor_named_by_no_text_is_refused_and_not_written(tmp_path):
-    sensor = tmp_path / "s.yaml"
-    transfer = ("transfer", "wiforce-900mhz", "--frequency-hz", "915e6", "-o", sensor)
-    said = refused(*transfer, "--name", "bell\a")
-    assert "s.yaml: name: must be printable text" in said and not sensor.exists()
-
-
 OFF = [[0.2, -0.1], [-0.05, 0.15]]
 PRESSES = [
     {"start_s": 0.4, "rise_s": 0.05, "hold_s": 0.3, "force_n": 2.0, "end_force_n": 6.0},
