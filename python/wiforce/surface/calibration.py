@@ -288,34 +288,28 @@ def read_taps(path: str | Path, skin: Skin, rows: Iterable[Mapping[str, Any]]) -
         raise InputError(path, f"must hold at most {_MOST_TAPS} presses", len(lines))
     presses = [_known_press(skin, f"{path}: row {line}", row) for line, row in lines]
     starts_s, ends_s, force_n, x_mm, y_mm = np.array(presses).T
-    names = [strip.sensor for strip in skin.strips]
-    shape = len(presses), len(names)
-    untouched = np.zeros(shape, int)
-    touched: dict[tuple[int, int], list[list[float]]] = defaultdict(list)
+    columns = "time_s", "touch", *ESTIMATES
+    clear: dict[str, list[list[Any]]] = defaultdict(list)
     for row in rows:
-        doubts = set(str(row["flags"] or "").split()) - {"extrapolated", "force-unobservable"}
-        if row["sensor"] not in names or doubts:
-            continue
-        strip = names.index(row["sensor"])
-        inside = (starts_s <= row["time_s"]) & (row["time_s"] <= ends_s)
-        shown = [row[key] for key in ESTIMATES]
-        if row["touch"] == 0:
-            untouched[inside, strip] += 1
-        elif row["touch"] == 1 and None not in shown:
-            for tap in np.flatnonzero(inside).tolist():
-                touched[tap, strip].append(shown)
+        if not set(str(row["flags"] or "").split()) - {"extrapolated", "force-unobservable"}:
+            clear[row["sensor"]].append([row[name] for name in columns])
+    shape = len(presses), len(skin.strips)
     median, change = np.full((*shape, len(ESTIMATES)), math.nan), np.full(shape, math.nan)
-    only = untouched > 0
-    for at, groups in touched.items():
-        # A strip that is touched for a part of the time is not known to bear less than its onset.
-        only[at] = False
-        if len(groups) > untouched[at]:
-            # Unlike a mean, not that of the groups in which the force rises, which have no flag.
-            median[at] = np.median(groups, axis=0)
-            change[at] = np.median(np.abs(np.array(groups)[:, 0] - median[at][0]))
-    x = np.empty(shape)
-    for i, each in enumerate(skin.strips):
-        x[:, i] = each.x_of(median[:, i, 2])
+    only, x = np.zeros(shape, bool), np.empty(shape)
+    for i, strip in enumerate(skin.strips):
+        readings = np.reshape(clear[strip.sensor], (-1, len(columns))).astype(float)  # None: NaN
+        time_s, touch, shown = readings[:, 0], readings[:, 1], readings[:, 2:]
+        touched = (touch == 1) & np.isfinite(shown).all(axis=1)
+        for tap, (start_s, end_s) in enumerate(zip(starts_s, ends_s, strict=True)):
+            inside = (start_s <= time_s) & (time_s <= end_s)
+            groups, untouched = shown[inside & touched], int(np.sum(inside & (touch == 0)))
+            # A strip that is touched for a part of the time may bear more than its onset.
+            only[tap, i] = untouched and not len(groups)
+            if len(groups) > untouched:
+                # Unlike a mean, not that of groups in which the force rises, which have no flag.
+                median[tap, i] = np.median(groups, axis=0)
+                change[tap, i] = np.median(np.abs(groups[:, 0] - median[tap, i, 0]))
+        x[:, i] = strip.x_of(median[:, i, 2])
     force, force_std, _, x_std = np.moveaxis(median, -1, 0)
     return SurfaceTaps(force_n, x_mm, y_mm, force, force_std, x, x_std, only, change)
 
