@@ -10,6 +10,7 @@ from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.outputs import Outputs
 from gnuradio.wiforce.io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Reading
 from gnuradio.wiforce.io.text.textfile import cell_number, read_csv
+from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
 from gnuradio.wiforce.sensor.model import touch_of
 from gnuradio.wiforce.signal.carrier import wrap_deg
@@ -57,7 +58,6 @@ def invert(phases, model, outputs, frequency_hz, std_deg, tracked, smoothed):
     reading itself: readings can be inverted again.
     """
     from gnuradio.wiforce.calibration.mistakes import radians_suspicion
-    from gnuradio.wiforce.sensor import load_sensor
 
     if tracked and smoothed:
         raise click.UsageError("--tracked and --smoothed exclude each other")
