@@ -228,18 +228,20 @@ class SurfacePosterior:
         Of touched strips, with their squared residuals (n, Y); untouched ones count as far as the
         least likely force contradicts them.
         """
-        summary, shares = _Summary.of(evidence), self._skin.shares(y)  # (n, Y, S)
-        touched = evidence.touched[:, None].astype(float)
-        m, x = summary.force_n[:, None], summary.x_mm[:, None]
-        squares = (touched * shares**2).sum(axis=-1)
+        m, x, ff, fx, xx = _moments(evidence)
+        xx = xx + self._skin.spreading.location_std_mm**2
+        shares, touched = self._skin.shares(y), evidence.touched[:, None].astype(float)  # (n, Y, S)
         force = (touched * shares * m).sum(axis=-1)
-        force = np.clip(force / np.maximum(squares, 1e-4), _LOWEST_N, self._top_n)
+        force /= np.maximum((touched * shares**2).sum(axis=-1), 1e-4)
+        force = np.clip(force, _LOWEST_N, self._top_n)
         middle = 0.5 * (self._x_span[0] + self._x_span[1])
         prior_force, prior_x = _UNIFORM / self._top_n**2, _UNIFORM / _PRIOR_MM**2
 
         def inverse(force: Array) -> tuple[Array, Array, Array]:
-            x_std = self._skin.spreading.location_std_mm
-            return summary.inverse(self._strip_std(force), x_std, touched)
+            """Inverse covariances (n, Y, S) with the errors of the law; 0 where not touched."""
+            a, c = ff + self._strip_std(force)[..., None] ** 2 + 1e-9, xx + 1e-9
+            determinant = np.maximum(a * c - fx**2, 1e-18)
+            return touched * c / determinant, -touched * fx / determinant, touched * a / determinant
 
         for _ in range(3):
             a, b, c = inverse(force)
@@ -251,10 +253,8 @@ class SurfacePosterior:
             force = np.clip((nxx * rf - nfx * rx) / determinant, _LOWEST_N, self._top_n)
         along = (nff * rx - nfx * rf) / determinant
         mean = np.stack([force, along], axis=-1)
-        covariance = (
-            np.stack([np.stack([nxx, -nfx], axis=-1), np.stack([-nfx, nff], axis=-1)], axis=-2)
-            / determinant[..., None, None]
-        )
+        covariance = np.stack([nxx, -nfx, -nfx, nff], axis=-1).reshape(*nff.shape, 2, 2)
+        covariance /= determinant[..., None, None]
         a, b, c = inverse(force)
         df, dx = m - shares * force[..., None], x - along[..., None]
         squares = (a * df**2 + 2 * b * df * dx + c * dx**2).sum(axis=-1)
@@ -311,37 +311,18 @@ class SurfacePosterior:
         return misfit, np.maximum(freedom, 1), best
 
 
-@dataclass(frozen=True)
-class _Summary:
-    """Mean and covariance of each strip's own force and x, shape (n, S)."""
-
-    force_n: Array
-    x_mm: Array
-    ff: Array
-    fx: Array
-    xx: Array
-    other_n: Array
-
-    @staticmethod
-    def of(evidence: SurfaceEvidence) -> _Summary:
-        p = evidence.profiles
-        log = np.where(evidence.touched[..., None], p.log_weight, 0.0)
-        weight = np.exp(log - log.max(axis=-1, keepdims=True))
-        weight /= weight.sum(axis=-1, keepdims=True)
-        force, x = (weight * p.force_n).sum(axis=-1), (weight * p.location_mm).sum(axis=-1)
-        df, dx = p.force_n - force[..., None], p.location_mm - x[..., None]
-        ff = (weight * df**2).sum(axis=-1)
-        fx = (weight * df * dx).sum(axis=-1)
-        xx = (weight * (dx**2 + p.variance_mm2)).sum(axis=-1)
-        return _Summary(force, x, ff, fx, xx, evidence.other_n)
-
-    def inverse(self, force_std: Array, x_std: float, touched: Array) -> tuple[Array, Array, Array]:
-        """Inverse covariances (n, Y, S) with the errors of the law; 0 where not touched."""
-        a = (self.ff + self.other_n**2)[:, None] + force_std[..., None] ** 2 + 1e-9
-        c = self.xx[:, None] + x_std**2 + 1e-9
-        b = self.fx[:, None]
-        determinant = np.maximum(a * c - b**2, 1e-18)
-        return touched * c / determinant, -touched * b / determinant, touched * a / determinant
+def _moments(evidence: SurfaceEvidence) -> Array:
+    """Means of each strip's own force and x, and their covariance ff, fx, xx; (5, n, 1, S)."""
+    p = evidence.profiles
+    log = np.where(evidence.touched[..., None], p.log_weight, 0.0)
+    weight = np.exp(log - log.max(axis=-1, keepdims=True))
+    weight /= weight.sum(axis=-1, keepdims=True)
+    force, x = (weight * p.force_n).sum(axis=-1), (weight * p.location_mm).sum(axis=-1)
+    df, dx = p.force_n - force[..., None], p.location_mm - x[..., None]
+    ff = (weight * df**2).sum(axis=-1) + evidence.other_n**2
+    fx = (weight * df * dx).sum(axis=-1)
+    xx = (weight * (dx**2 + p.variance_mm2)).sum(axis=-1)
+    return np.stack([force, x, ff, fx, xx])[:, :, None]
 
 
 Flags = NDArray[np.bool_]
