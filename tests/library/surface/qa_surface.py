@@ -26,8 +26,8 @@ def folder(tmp_path_factory):
 
 def calibrate_in(folder, rng):
     (folder / "bare.yaml").write_text(yaml.safe_dump(made.scene()))
-    taps = made.known_presses(rng)
-    made.write_taps(folder / "taps.csv", taps)
+    taps = made.known_presses()
+    made.write_taps(folder / "taps.csv", made.timed(taps))
     with open_writer(folder / "readings.csv") as writer:
         for reading in made.readings_of(plan(folder / "bare.yaml"), [[t] for t in taps], rng):
             writer.write(reading)
@@ -163,9 +163,8 @@ def test_a_skin_is_accepted_wherever_its_surface_lies(folder):
 
 def change_taps(folder, change):
     """Write the table of taps with its rows (n, 5) changed."""
-    header = (folder / "taps.csv").read_text().split()[0]
-    changed = change(np.loadtxt(folder / "taps.csv", delimiter=",", skiprows=1))
-    np.savetxt(folder / "changed.csv", changed, "%g", ",", header=header, comments="")
+    rows = np.loadtxt(folder / "taps.csv", delimiter=",", skiprows=1)
+    made.write_taps(folder / "changed.csv", change(rows))
 
 
 SUSPICIONS = {
@@ -198,13 +197,9 @@ def test_skin_calibration_suspicion_must_be_accepted_and_is_repeated(message, fo
 
 def test_three_presses_between_strips_are_seven_shares_and_the_report_names_errors(folder):
     """The documentation asked for six presses, and for errors that the report does not state."""
-    header, *rows = (folder / "taps.csv").read_text().split()
     # At 40 mm along, 5 or 8 N; two or three strips are touched by each.
-    chosen = [
-        row for row in rows if row.split(",")[3:] in (["40.0", f"{y}.0"] for y in (6, 15, 33))
-    ]
-    (folder / "three.csv").write_text("\n".join([header, *chosen]) + "\n")
-    done = calibrate_again(folder, "three.csv", "three.yaml", "table")
+    change_taps(folder, lambda t: t[(t[:, 3] == 40) & np.isin(t[:, 4], (6, 15, 33))])
+    done = calibrate_again(folder, "changed.csv", "three.yaml", "table")
     assert "table law from 7 shares of touched strips" in done.stdout
     found = read_spreading(folder / "three.yaml")
     line = f"standard deviation of a share {found.share_std:.3f} (rms residual 0.0"
@@ -230,13 +225,13 @@ def test_presses_that_no_skin_explains_are_refused(message, change, folder):
 def calibrate_in_parts(folder, to, parts, seed):
     """Calibrate from intervals in which each tap is read at these parts of its force."""
     rng = np.random.default_rng(seed)
-    taps = made.known_presses(rng)
+    taps = made.known_presses()
     presses = [[(part * force, x, y)] for force, x, y in taps.tolist() for part in parts]
     (to / "bare.yaml").write_text((folder / "bare.yaml").read_text())
     with open_writer(to / "readings.csv") as writer:
         for reading in made.readings_of(plan(to / "bare.yaml"), presses, rng):
             writer.write(reading)
-    made.write_taps(to / "taps.csv", taps, each=len(parts))
+    made.write_taps(to / "taps.csv", made.timed(taps, each=len(parts)))
     return run_command(*command_of("taps.csv", "skin.yaml"), cwd=to)
 
 
@@ -274,14 +269,15 @@ def test_skin_calibration_intervals_mostly_without_a_press_do_not_count(folder, 
     assert "no strip shows a press for more than half of the time from start_s" in (
         calibrate_in_parts(folder, tmp_path, (1, 0.01, 0.01), 19).stderr
     )
-    # Every third interval is that of the press alone.
-    header, *rows = (tmp_path / "taps.csv").read_text().split()
-    for i, row in enumerate(rows):
-        start, _, *tap = row.split(",")
-        if i % 3:
-            rows[i] = ",".join([start, str(float(start) + made.PERIOD_S), *tap])
-    (tmp_path / "taps.csv").write_text("\n".join([header, *rows]) + "\n")
-    calibrate_again(tmp_path, "taps.csv", "skin.yaml")
+
+    def shorten(taps):
+        """Two of three intervals are those of the press alone."""
+        alone = np.arange(len(taps)) % 3 > 0
+        taps[alone, 1] = taps[alone, 0] + made.PERIOD_S
+        return taps
+
+    change_taps(tmp_path, shorten)
+    calibrate_again(tmp_path, "changed.csv", "skin.yaml")
     held, found = (read_spreading(each / "skin.yaml") for each in (folder, tmp_path))
     assert found.mean_share(0.0) == pytest.approx(held.mean_share(0.0), abs=0.02)
 

@@ -5,7 +5,6 @@ Everything a user does is done: strips are calibrated from VNA tables, the skin 
 read from a capture, and presses at other points are read from another one.
 """
 
-import csv
 from dataclasses import replace
 
 import numpy as np
@@ -58,18 +57,13 @@ def held(n):
 def folder(tmp_path_factory):
     """A calibrated surface."""
     folder = tmp_path_factory.mktemp("captures")
-    across = np.arange(-3.0, 40.0, 3.0)
-    y, x = (v.ravel() for v in np.meshgrid(across, [28.0, 52.0]))
-    taps = np.column_stack([np.where(np.arange(len(y)) % 2, 5.0, 8.0), x, y])
+    taps = made.known_presses(along=(28.0, 52.0))
     for i, tag in enumerate(write_capture(folder, "taps", taps, 21)):
         vna = replace(tag, presses=())
         other.write_vna(vna, folder / f"{tag.name}.csv", np.random.default_rng(i))
         succeeded("calibrate", f"{tag.name}.csv", "-o", f"{tag.name}.yaml", cwd=folder)
     (folder / "bare.yaml").write_text(yaml.safe_dump(made.scene("{}.yaml")))
-    with open(folder / "taps.csv", "w", newline="") as stream:
-        rows = csv.writer(stream)
-        rows.writerow(["start_s", "end_s", "force_n", "x_mm", "y_mm"])
-        rows.writerows([*held(n), *tap] for n, tap in enumerate(taps.tolist()))
+    made.write_taps(folder / "taps.csv", [[*held(n), *tap] for n, tap in enumerate(taps.tolist())])
     read(folder, "bare.yaml", "taps")
     done = succeeded(
         *("calibrate", "taps.csv", "--surface", "bare.yaml", "--readings", "taps-read.csv"),
