@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Mistakes in measured tables, as people make them: what `calibrate` and `invert` say of them."""
 
-import csv
 import re
 import tracemalloc
 from dataclasses import replace
@@ -320,39 +319,6 @@ def test_calibrate_refusal_names_the_likely_cause(table, tmp_path):
     write_vna_csv(replace(few, force_n=few.force_n * 102), tmp_path / "vna.csv")
     said = refused("calibrate", tmp_path / "vna.csv", "-o", tmp_path / "s.yaml")
     assert "must have at least 5 forces" in said and "in grams" in said
-
-
-def inverted(folder, rows, *options):
-    with open(folder / "p.csv", "w", newline="") as stream:
-        csv.writer(stream).writerows([("phase1_deg", "phase2_deg"), *rows])
-    done = succeeded("invert", folder / "p.csv", "--sensor", "line-900mhz", *options)
-    return list(csv.DictReader(done.stdout.splitlines())), done.stderr
-
-
-def test_invert_with_large_std_does_not_report_untouched(tmp_path):
-    """`--std-deg 45` reported presses as untouched, without a flag."""
-    line = load_sensor("line-900mhz")
-    rows = [line.untouched_deg(), line.phases_deg(4.0, 40.0)]
-    for options in (["--std-deg", 45], ["--std-deg", 60]):
-        found, _ = inverted(tmp_path, rows, *options)
-        assert all(row["touch"] != "0" and "weak" in row["flags"] for row in found)
-    found, _ = inverted(tmp_path, rows, "--std-deg", 4)
-    assert [row["touch"] for row in found] == ["0", "1"]
-    assert all("weak" in row["flags"] for row in found)
-    found, _ = inverted(tmp_path, rows)
-    assert [(row["touch"], row["flags"]) for row in found] == [("0", ""), ("1", "")]
-
-
-def test_invert_warns_of_radians_and_of_phases_that_do_not_fit(tmp_path):
-    line = load_sensor("line-900mhz")
-    phases = line.phases_deg([2.0, 3.0, 4.0, 5.0], [25.0, 35.0, 45.0, 55.0])
-    assert inverted(tmp_path, phases.tolist())[1] == ""
-    for changed, message in (
-        (np.radians(phases), "in radians"),
-        (-phases, "do not fit the sensor"),
-        (2.7 * phases, "do not fit the sensor"),
-    ):
-        assert message in inverted(tmp_path, changed.tolist())[1]
 
 
 def test_row_beside_its_curve_is_a_suspicion(table):
