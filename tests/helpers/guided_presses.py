@@ -12,25 +12,21 @@ GROUPS = 14
 class HandHeldSensor:
     """A sensor whose readings are those of its model, with noise.
 
-    ``force_n``, ``location_mm``: what presses it; a force of 0 releases it; ``slips_mm``: distance
-    by which the press slips in the middle of the next readings; ``flags``: of one group in the
-    middle of the next readings.
+    ``force_n``, ``location_mm``: what presses it; a force of 0 releases it; ``flags``: of one group
+    in the middle of the next readings.
     """
 
     groups = GROUPS
 
-    def __init__(self, model="line-900mhz", noise_deg=0.1, seed=1):
-        self.model = load_sensor(model) if isinstance(model, str) else model
-        self._rng, self._noise_deg = np.random.default_rng(seed), noise_deg
-        self.force_n, self.location_mm = 0.0, 40.0
-        self.slips_mm, self.flags = 0.0, ()
+    def __init__(self, noise_deg=0.1):
+        self.model = load_sensor("line-900mhz")
+        self._rng, self._noise_deg = np.random.default_rng(1), noise_deg
+        self.force_n, self.location_mm, self.flags = 0.0, 40.0, ()
 
-    def readings(self, count=GROUPS):
+    def readings(self):
         """The readings of the next groups."""
-        places = np.full(count, self.location_mm)
-        places[count // 2 :] += self.slips_mm
-        phases = self.model.phases_deg(np.full(count, self.force_n), places)
-        phases = phases + self._noise_deg * self._rng.standard_normal(phases.shape)
+        noise = self._noise_deg * self._rng.standard_normal((GROUPS, 2))
+        phases = self.model.phases_deg(self.force_n, self.location_mm) + noise
         touch = int(self.force_n >= self.model.onset_force_n)
         found = [
             Reading(
@@ -39,11 +35,11 @@ class HandHeldSensor:
                 touch,
                 phase1_deg=first,
                 phase2_deg=second,
-                flags=self.flags if i == count // 2 else (),
+                flags=self.flags if i == GROUPS // 2 else (),
             )
             for i, (first, second) in enumerate(phases.tolist())
         ]
-        self.slips_mm, self.flags = 0.0, ()
+        self.flags = ()
         return found
 
     def collect(self, idle):

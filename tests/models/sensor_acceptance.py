@@ -37,17 +37,16 @@ def _one(law, frequency, seed):
         path = Path(folder) / "vna.csv"
         path.write_text("\n".join(rows) + "\n")
         model = calibrate(read_vna_csv(path), "own")
-    return read_law(model, law, frequency, 300, 0.1, rng)
+    return read_law(model, law, frequency, 300, rng)
 
 
 def _print(law, frequency, results):
-    def pair(pick):
-        force = np.median(np.concatenate([pick(r.force_error) for r in results]))
-        place = np.median(np.concatenate([pick(r.location_error) for r in results]))
+    def pair(at):
+        force = np.median([result.force_error[at] for result in results])
+        place = np.median([result.location_error[at] for result in results])
         return f"{force:.3f} / {place:.3f}"
 
-    cells = [pair(lambda errors: np.concatenate(list(errors.values())))]
-    cells += [pair(lambda errors, at=at: errors[at]) for at in PRESSED_MM]
+    cells = [pair(at) for at in (slice(None), *range(len(PRESSED_MM)))]
     label = f"{law.reach}, {law.fade} over {law.fade_mm:g} mm, {frequency / 1e6:g} MHz"
     cover = ", ".join(_coverage(results, what) for what in ("force", "location"))
     print(f"{label:34}" + "".join(f"{cell:>14}" for cell in cells) + f"{cover:>32}")

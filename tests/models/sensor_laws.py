@@ -7,6 +7,7 @@ fifth on the far side.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -65,14 +66,14 @@ def untouched_deg(frequency_hz):
     return -2 * 360 * frequency_hz / 299_792_458 / 1000 * LENGTH_MM
 
 
-def vna_rows(law, frequency_hz, forces, noise_deg, rng, locations=CALIBRATED_MM):
+def vna_rows(law, frequency_hz, forces, noise_deg, rng):
     """Rows of a VNA calibration as text: header first, untouched rows, then every press."""
     rows = ["freq_mhz,location_mm,port,force_n,phase_deg"]
     mhz = frequency_hz / 1e6
     for port in (1, 2):
         phase = untouched_deg(frequency_hz) + noise_deg * rng.standard_normal()
         rows.append(f"{mhz:.3f},,{port},0,{wrap(phase):.4f}")
-    for location in locations:
+    for location in CALIBRATED_MM:
         phases = law.phases_deg(forces, location, frequency_hz)
         phases = phases + noise_deg * rng.standard_normal(phases.shape)
         for port in (1, 2):
@@ -85,34 +86,28 @@ def wrap(angle):
     return (np.asarray(angle) + 180.0) % 360.0 - 180.0
 
 
-@dataclass(frozen=True)
-class LawResult:
-    """Errors of readings of one law at one carrier, by location."""
+class LawResult(NamedTuple):
+    """Errors and standard deviations of readings of one law at one carrier, by place; (4, n)."""
 
-    force_error: dict
-    location_error: dict
-    force_std: dict
-    location_std: dict
-
-    def pooled(self, name):
-        return np.concatenate(list(getattr(self, name).values()))
+    force_error: np.ndarray
+    location_error: np.ndarray
+    force_std: np.ndarray
+    location_std: np.ndarray
 
     def coverage(self, what):
         """Part of the truth within two standard deviations; ``force`` or ``location``."""
-        error, std = self.pooled(f"{what}_error"), self.pooled(f"{what}_std")
+        error, std = getattr(self, f"{what}_error"), getattr(self, f"{what}_std")
         return float(np.mean(error <= 2 * std))
 
 
-def read_law(model, law, frequency_hz, count, phase_noise_deg, rng, locations=PRESSED_MM):
-    """Presses of 2 to 8 N at locations that were not calibrated, read by ``model``."""
-    result = LawResult({}, {}, {}, {})
-    for location in locations:
+def read_law(model, law, frequency_hz, count, rng):
+    """Presses of 2 to 8 N at four locations that were not calibrated, read with 0.1 deg noise."""
+    places = []
+    for location in PRESSED_MM:
         forces = rng.uniform(2, 8, count)
         phases = law.phases_deg(forces, location, frequency_hz)
-        phases = wrap(phases + phase_noise_deg * rng.standard_normal(phases.shape))
-        found = model.invert(phases, phase_noise_deg, frequency_hz=frequency_hz)
-        result.force_error[location] = np.abs(found.force_n - forces)
-        result.location_error[location] = np.abs(found.location_mm - location)
-        result.force_std[location] = found.force_std_n
-        result.location_std[location] = found.location_std_mm
-    return result
+        phases = wrap(phases + 0.1 * rng.standard_normal(phases.shape))
+        found = model.invert(phases, 0.1, frequency_hz=frequency_hz)
+        errors = np.abs(found.force_n - forces), np.abs(found.location_mm - location)
+        places.append((*errors, found.force_std_n, found.location_std_mm))
+    return LawResult(*np.swapaxes(places, 0, 1))

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Readings of a surface whose strips are loaded by ``skin_law``, without samples."""
 
-import csv
-
 import numpy as np
 from gnuradio.wiforce.io.readings import SurfaceReading
 from gnuradio.wiforce.receiver import make_readout
@@ -12,19 +10,19 @@ from skin_law import ALONG_MM, STRIPS_MM, strip_loads
 
 CARRIER_HZ = 900e6
 PERIOD_S = 0.036
-NAMES = ("a", "b", "c", "d")
+NAMES, CLOCKS_HZ = ("a", "b", "c", "d"), (1035.0, 1165.0, 1365.0, 1480.0)
 _TRUTH = "line-900mhz"
 _NOISE_DEG = 0.1
 # Groups before the presses, and groups of each.
 _BEFORE, _EACH = 14, 5
 
 
-def scene(**surface):
-    """A scene of the strips, read with a noisy calibration of what is pressed."""
-    clocks = zip(NAMES, (1035, 1165, 1365, 1480), strict=True)
+def scene(models=f"{_TRUTH}-calibrated", **surface):
+    """A scene of the strips, by default read with a noisy calibration of what is pressed."""
+    clocks = zip(NAMES, CLOCKS_HZ, strict=True)
     return {
         "sensors": [
-            {"name": name, "model": f"{_TRUTH}-calibrated", "clock_hz": hz} for name, hz in clocks
+            {"name": name, "model": models.format(name), "clock_hz": hz} for name, hz in clocks
         ],
         "surface": {
             "strips": [
@@ -76,22 +74,23 @@ def readings_of(plan, presses, rng, lost=None):
     return [r for r in readings if r.group >= _BEFORE and (r.group - _BEFORE) % _EACH == 1]
 
 
-def known_presses(rng):
-    """Taps at every 3 mm across and three places along: rows of force, x, y."""
+def known_presses(along=(25.0, 40.0, 55.0)):
+    """Taps at every 3 mm across and some places along: rows of force, x, y."""
     across = np.arange(-3.0, 40.0, 3.0)
-    y, x = (values.ravel() for values in np.meshgrid(across, [25.0, 40.0, 55.0]))
+    y, x = (values.ravel() for values in np.meshgrid(across, along))
     force = np.where(np.arange(len(y)) % 2, 5.0, 8.0)
     return np.column_stack([force, x, y])
 
 
-def write_taps(path, taps, each=1):
-    """The table of taps, each of so many presses of `readings_of`."""
-    with open(path, "w", newline="") as stream:
-        rows = csv.writer(stream)
-        rows.writerow(["start_s", "end_s", "force_n", "x_mm", "y_mm"])
-        for i, tap in enumerate(taps.tolist()):
-            start = (_BEFORE + i * each * _EACH + 1) * PERIOD_S
-            rows.writerow([start, start + (1 + (each - 1) * _EACH) * PERIOD_S, *tap])
+def timed(taps, each=1):
+    """Rows of the table of taps, each of so many presses of `readings_of`."""
+    start = (_BEFORE + 1 + np.arange(len(taps)) * each * _EACH) * PERIOD_S
+    return np.column_stack([start, start + (1 + (each - 1) * _EACH) * PERIOD_S, taps])
+
+
+def write_taps(path, rows):
+    header = "start_s,end_s,force_n,x_mm,y_mm"
+    np.savetxt(path, rows, "%.9g", ",", header=header, comments="")
 
 
 def of_surface(readings, name="skin"):

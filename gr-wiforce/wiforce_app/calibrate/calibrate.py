@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+from gnuradio.wiforce import sensor
 from gnuradio.wiforce.calibration.gauges import UNITS
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.palette import FAINT, series_style
@@ -195,7 +196,6 @@ def calibrate(
     With --surface, TABLE lists presses on the skin of a surface (start_s, end_s, force_n, x_mm,
     y_mm), and the spreading law is written to OUTPUT.
     """
-    from gnuradio.wiforce import sensor
     from gnuradio.wiforce.calibration.data import without_incomplete
     from gnuradio.wiforce.calibration.session import RULER_STD_MM
 
@@ -224,27 +224,25 @@ def calibrate(
         frequency_hz, kind = guide(table, guided, settings), "taps"
         if frequency_hz is None:
             return
-    data = _read(sensor, table, kind, frequency_hz)
+    data = _read(table, kind, frequency_hz)
     data = without_incomplete(data) if live else data
     bench = None if refined is None else sensor.load_sensor(refined, frequency_hz=frequency_hz)
-    line = {key: settings[key] for key in ("length_mm", "permittivity")}
-    if bench is not None:
-        line = {"length_mm": bench.length_mm, "permittivity": bench.permittivity}
     try:
-        model = (
-            sensor.calibrate(data, name, **settings)
-            if bench is None
-            else sensor.refine(bench, data, name)
-        )
+        if bench is None:
+            model = sensor.calibrate(data, name, **settings)
+        else:
+            model = sensor.refine(bench, data, name)
         verdicts = sensor.verdict(model)  # refuses a model that cannot be inverted
     except InputError as error:
         # With the mistake in the table that may be its cause.
-        rule = "; ".join([error.rule, *sensor.suspicions(data, **line)])
+        line = settings if bench is None else vars(bench)
+        found = sensor.suspicions(data, line["length_mm"], line["permittivity"])
         where = error.where
         if where in (*_SETTINGS, "name"):
             where = f"--{where.replace('_', '-')}"
-        not_written = where.startswith("sensor")
-        raise InputError(f"{table}: {where}" if not_written else where, rule) from None
+        elif where.startswith("sensor"):  # a model that is in no file
+            where = f"{table}: {where}"
+        raise InputError(where, "; ".join([error.rule, *found])) from None
     suspected = model.provenance.get("suspicions", [])
     if bench is None and (assumed := sensor.untouched_assumed(data, model.length_mm)):
         suspected = [*assumed, *suspected]
@@ -253,14 +251,14 @@ def calibrate(
         rule = "correct it, or write the sensor nevertheless with --accept"
         raise InputError(table, f"{'; '.join(suspected)} ({rule})")
     sensor.write_sensor(model, output)
-    for text in [*_verdict(sensor, model, verdicts, suspected), *_report(model)]:
+    for text in [*_verdict(model, verdicts, suspected), *_report(model)]:
         click.echo(text)
     if plot_path is not None:
         plot_calibration(data, model, plot_path)
     click.echo(f"written: {output}")
 
 
-def _verdict(sensor, model, verdicts, suspected):
+def _verdict(model, verdicts, suspected):
     """What the sensor is good for and what speaks against it, first of all."""
     for text in suspected:
         yield f"not to be trusted: {text}"
@@ -283,7 +281,7 @@ def _verdict(sensor, model, verdicts, suspected):
     yield ""
 
 
-def _read(sensor, table, stated_kind, frequency_hz):
+def _read(table, stated_kind, frequency_hz):
     kind = stated_kind or sensor.table_kind(table)
     if kind == "vna":
         return sensor.read_vna_csv(table, frequency_hz)
@@ -359,21 +357,19 @@ def plot_calibration(table, model, path):
 @click.command(
     cls=GroupedHelp, examples=("transfer arm.yaml --frequency-hz 915e6 -o arm-915.yaml",)
 )
-@click.argument("sensor", shell_complete=sensor_names)
+@click.argument("source", metavar="SENSOR", shell_complete=sensor_names)
 @click.option("--frequency-hz", type=CARRIER_HZ, required=True, help="The new carrier.")
 @sensor_output
 @click.option("--name", help="Name of the sensor; the output's name by default.")
-def transfer(sensor, frequency_hz, output, name):
+def transfer(source, frequency_hz, output, name):
     """Transfer a SENSOR, shipped or a file, to a carrier within 10 % of its own.
 
     Contact positions in millimetres stay as they are and phases scale with frequency. Connectors
     follow no such rule: the file states the uncertainty that this adds to every phase.
     """
-    from gnuradio.wiforce.sensor import load_sensor, write_sensor
-
-    check_output(output, [sensor])
-    moved = load_sensor(sensor).transferred(frequency_hz, name or Path(output).stem)
-    write_sensor(moved, output)
+    check_output(output, [source])
+    moved = sensor.load_sensor(source).transferred(frequency_hz, name or Path(output).stem)
+    sensor.write_sensor(moved, output)
     added = moved.transfer_std_deg
     click.echo(
         f"sensor {moved.name}: {frequency_hz / 1e6:g} MHz, "

@@ -10,13 +10,14 @@ from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.outputs import Outputs
 from gnuradio.wiforce.io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Reading
 from gnuradio.wiforce.io.text.textfile import cell_number, read_csv
+from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
 from gnuradio.wiforce.sensor.model import touch_of
 from gnuradio.wiforce.signal.carrier import wrap_deg
 
 from ..shell.commands import GroupedHelp
 from ..shell.log import log
-from ..shell.options import CARRIER_HZ, Number, readings_outputs, sensor_names
+from ..shell.options import CARRIER_HZ, FiniteRange, readings_outputs, sensor_names
 
 _NEEDED = ("phase1_deg", "phase2_deg")
 _LARGEST = 1e12  # of any number: phases of more have no digits left for degrees
@@ -42,7 +43,11 @@ _OF_ANOTHER = (
     "--frequency-hz", type=CARRIER_HZ, help="Carrier, where it is not the sensor's only one."
 )
 @click.option(
-    "--std-deg", type=Number(), help="Standard deviation of the phases; 1 deg when not given."
+    "--std-deg",
+    type=FiniteRange(0, min_open=True),
+    default=DEFAULT_STD_DEG,
+    show_default=True,
+    help="Standard deviation of the phases, in degrees.",
 )
 @click.option("--tracked", is_flag=True, help="Follow each press over time_s, as a live reader.")
 @click.option("--smoothed", is_flag=True, help="Read each press as a whole, over time_s.")
@@ -53,10 +58,7 @@ def invert(phases, model, outputs, frequency_hz, std_deg, tracked, smoothed):
     reading itself: readings can be inverted again.
     """
     from gnuradio.wiforce.calibration.mistakes import radians_suspicion
-    from gnuradio.wiforce.sensor import load_sensor
 
-    if std_deg is not None and std_deg <= 0:
-        raise InputError("--std-deg", "must be positive", std_deg)
     if tracked and smoothed:
         raise click.UsageError("--tracked and --smoothed exclude each other")
     sensor = load_sensor(model, frequency_hz=frequency_hz)
@@ -68,18 +70,16 @@ def invert(phases, model, outputs, frequency_hz, std_deg, tracked, smoothed):
     rows = [row for row in every if math.isfinite(row[_NEEDED[0]])]
     if not rows:
         raise InputError(phases, "must have a row with phases")
-    std = DEFAULT_STD_DEG if std_deg is None else std_deg
     measured = np.array([[row[column] for column in _NEEDED] for row in rows])
     known = np.array([row["location_mm"] for row in rows])
     try:
-        touch = touch_of(sensor, measured, std, frequency_hz)
+        touch = touch_of(sensor, measured, std_deg, frequency_hz)
         if tracked or smoothed:
-            follow = _smoothed if smoothed else _tracked
-            given = sensor, measured, std, touch, frequency_hz
-            found = dict(_over_time(phases, rows, follow, *given))
+            given = sensor, measured, std_deg, touch, frequency_hz
+            found = dict(_over_time(phases, rows, *given, smoothed))
         else:
             pressed = np.flatnonzero(touch == 1)
-            read = sensor.invert(measured[pressed], std, known[pressed], frequency_hz)
+            read = sensor.invert(measured[pressed], std_deg, known[pressed], frequency_hz)
             found = dict(zip(pressed.tolist(), _values(read), strict=True))
     except InputError as error:
         raise error.renamed({"location_mm": f"{phases}: location_mm"}) from error
@@ -90,7 +90,7 @@ def invert(phases, model, outputs, frequency_hz, std_deg, tracked, smoothed):
     for text in suspected:
         log.warning(f"{phases}: {text}")
     readings = (
-        _reading(row, sensor, std, state, found.get(index))
+        _reading(row, sensor, std_deg, state, found.get(index))
         for index, (row, state) in enumerate(zip(rows, touch.tolist(), strict=True))
     )
     with writer:
@@ -128,8 +128,8 @@ def _read(path):
     return rows
 
 
-def _over_time(path, rows, follow, sensor, phases, std, touch, frequency_hz):
-    """Rows, and what was found for each, sensors' presses followed from touch to release."""
+def _over_time(path, rows, sensor, phases, std, touch, frequency_hz, smoothed):
+    """Touched rows, and what is found for each, sensors' presses followed from touch to release."""
     names, times = (np.array([row[key] for row in rows]) for key in ("sensor", "time_s"))
     for name in dict.fromkeys(names.tolist()):
         own = np.flatnonzero(names == name)
@@ -137,27 +137,19 @@ def _over_time(path, rows, follow, sensor, phases, std, touch, frequency_hz):
         if not (len(steps) and np.all(np.isfinite(steps)) and np.all(steps > 0)):
             rule = "must be given and increase from row to row, for --tracked and --smoothed"
             raise InputError(f"{path}: time_s", rule)
-        period = float(np.median(steps))
-        pressed = touch[own] == 1
-        for index, values in follow(sensor, phases[own], std, pressed, period, frequency_hz):
-            yield int(own[index]), values
-
-
-def _tracked(sensor, phases, std, touched, period, frequency_hz):
-    """Rows that are touched, and what a tracker that sees all rows says of them."""
-    tracker = sensor.tracker(period, frequency_hz)
-    for index, (pair, touch) in enumerate(zip(phases, touched, strict=True)):
-        values = tracker.update(pair, std, bool(touch))
-        if touch:
-            yield index, values
-
-
-def _smoothed(sensor, phases, std, touched, period, frequency_hz):
-    """Rows that are touched, and what whole presses say of them."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], touched.astype(int), [0]])))
-    for start, stop in edges.reshape(-1, 2):
-        read = sensor.tracker(period, frequency_hz).smooth(phases[start:stop], std)
-        yield from enumerate(_values(read), start)
+        tracker = sensor.tracker(float(np.median(steps)), frequency_hz)
+        touched = touch[own] == 1
+        if smoothed:
+            edges = np.flatnonzero(np.diff(np.concatenate([[0], touched.astype(int), [0]])))
+            for press in (own[slice(*ends)] for ends in edges.reshape(-1, 2)):
+                read = tracker.smooth(phases[press], std)
+                yield from zip(press.tolist(), _values(read), strict=True)
+        else:
+            # The tracker sees all rows, since a row without touch ends a press.
+            for index, pressed in zip(own.tolist(), touched.tolist(), strict=True):
+                values = tracker.update(phases[index], std, pressed)
+                if pressed:
+                    yield index, values
 
 
 def _values(read):

@@ -281,7 +281,7 @@ def _update_port(
     count, size = carrier.coefficients_deg.shape[1:]
     prior = block_diag(*(carrier.covariance_deg2[port] + freedom))
     basis = curves.force_basis(model.form, model.knots_n)(taps.force_n)
-    weights = model.interpolations[index].weights(taps.location_mm, port)
+    weights = model.interpolations[index].weights(taps.location_mm)[:, port]
     design = (weights[:, :, None] * basis[:, None, :]).reshape(len(basis), -1)
     expected = model.short_deg(taps.force_n, taps.location_mm, index)[:, port]
     difference = wrap_deg(taps.phase_deg - expected)

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize_scalar
+from scipy.signal import correlate, correlation_lags
 
 from ..errors import InputError
 from ..io.files.readings_files import ReadingsFile, frame_rows
@@ -34,7 +34,7 @@ class TimedForces:
     @property
     def period_s(self) -> float:
         """Time between two readings, over which each is an average."""
-        return float(np.median(np.diff(self.time_s))) if len(self.time_s) > 1 else float("nan")
+        return float(np.median(np.diff(self.time_s)))
 
 
 @dataclass(frozen=True)
@@ -250,12 +250,11 @@ def _coarse_offset(
 
 def _masked_correlation(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Lags, correlation of ``a[i]`` and ``b[i + lag]`` but NaN, and what of ``a`` it explains."""
-    size = next_fast_len(len(a) + len(b))
     a_known, b_known = (np.isfinite(each).astype(float) for each in (a, b))
     a, b = np.where(a_known, a, 0.0), np.where(b_known, b, 0.0)
 
     def products(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return irfft(rfft(x, size).conj() * rfft(y, size), size)
+        return correlate(y, x, method="fft")
 
     count = np.maximum(np.round(products(a_known, b_known)), 0)
     sum_a, sum_b = products(a, b_known), products(a_known, b)
@@ -267,11 +266,10 @@ def _masked_correlation(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.nd
     # Where one of them hardly changes, rounding would decide.
     floor = 1e-9 * max(np.max(power_a), 0) * max(np.max(power_b), 0)
     valid = (count >= least) & (power_a * power_b > floor)
-    correlation, explained = np.zeros(size), np.zeros(size)
+    correlation, explained = np.zeros((2, len(count)))
     correlation[valid] = covariance[valid] / np.sqrt((power_a * power_b)[valid])
     explained[valid] = correlation[valid] ** 2 * power_a[valid]
-    lags = np.arange(size)
-    return np.where(lags > len(b), lags - size, lags), correlation, explained
+    return correlation_lags(len(b), len(a)), correlation, explained
 
 
 def _fine_offset(readings: TimedForces, average: _Average, near_s: float) -> tuple[float, float]:

@@ -173,7 +173,8 @@ def read_gauge(
     if len(table) < 2:
         raise InputError(path, "must hold two forces or more", len(table))
     times = _times(path, table[time_name], time_name)
-    forces = _numbers(path, table[force_name], force_name) * _newtons(force_name, unit)
+    newtons, note = _newtons(force_name, unit)
+    forces = _numbers(path, table[force_name], force_name) * newtons
     if np.nanmax(np.abs(forces), initial=0) > _MOST_N:
         row = int(np.nanargmax(np.abs(forces))) + 2
         raise InputError(f"{path}: row {row}", f"{force_name} must be below {_MOST_N:g} N")
@@ -190,7 +191,7 @@ def read_gauge(
     last = np.append(np.diff(times) > 0, True)
     if np.sum(last) < 2:
         raise InputError(path, f"{time_name} must increase", times[0])
-    return GaugeRecord(times[last], forces[last], _other_unit(force_name, unit))
+    return GaugeRecord(times[last], forces[last], note)
 
 
 def _table(path: str | Path) -> pd.DataFrame:
@@ -250,35 +251,31 @@ def _unit_of(name: str) -> str:
     return "" if match is None else (match[1] or match[2]).strip()
 
 
-def _newtons(name: str, unit: str | None) -> float:
-    """Newtons of the unit of a column."""
-    if unit is not None:
-        return unit_n(unit, "--unit")
-    named = _unit_of(name).lower()
-    if named and named not in UNITS_N and name.lower() != f"force_{named}":
-        raise InputError(name, "names an unknown unit of force; state it with --unit", named)
-    return UNITS_N.get(named, 1.0)
-
-
-def _other_unit(name: str, unit: str | None) -> str:
-    """A note where a column is named after another unit than the one stated."""
+def _newtons(name: str, unit: str | None) -> tuple[float, str]:
+    """Newtons of the unit of a column, and a note where that is named after another than stated."""
     named = _unit_of(name)
-    if unit is None or named.lower() not in UNITS_N or unit_n(named) == unit_n(unit, "--unit"):
-        return ""
-    return f"{name} names the unit {named}, and is read in {unit}, which --unit states"
+    known = UNITS_N.get(named.lower())
+    if unit is None:
+        if named and known is None and name.lower() != f"force_{named.lower()}":
+            rule = "names an unknown unit of force; state it with --unit"
+            raise InputError(name, rule, named.lower())
+        return known or 1.0, ""
+    factor = unit_n(unit, "--unit")
+    if known in (None, factor):
+        return factor, ""
+    return factor, f"{name} names the unit {named}, and is read in {unit}, which --unit states"
 
 
 def _times(path: str | Path, column: pd.Series, name: str) -> np.ndarray:
     """Times in s: numbers, or dates from the first one on."""
     import pandas as pd
 
-    if column.dtype.kind in "iuf":
-        return _numbers(path, column, name) * _scale_of_times(name)
-    # Seconds may have decimals in some rows only.
-    mixed = {} if int(pd.__version__.split(".")[0]) < 2 else {"format": "mixed"}
-    dates = pd.to_datetime(column, errors="coerce", utc=True, **mixed)
-    if dates.notna().all():
-        return ((dates - dates.iloc[0]).dt.total_seconds()).to_numpy()
+    if column.dtype.kind not in "iuf":
+        # Seconds may have decimals in some rows only.
+        mixed = {} if int(pd.__version__.split(".")[0]) < 2 else {"format": "mixed"}
+        dates = pd.to_datetime(column, errors="coerce", utc=True, **mixed)
+        if dates.notna().all():
+            return ((dates - dates.iloc[0]).dt.total_seconds()).to_numpy()
     return _numbers(path, column, name) * _scale_of_times(name)
 
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import InputError, unwritable
+from ..errors import InputError
 from ..io.readings import WEAK_PHASE_DEG, Reading
 from ..io.text.textfile import (
     MAX_CSV_BYTES,
@@ -21,7 +21,7 @@ from ..io.text.textfile import (
     check_output,
     read_bytes,
     read_csv,
-    write_whole,
+    write_text,
 )
 from ..sensor import line
 from ..sensor.curves import CurveModel
@@ -121,24 +121,19 @@ def _phases(
     if len(readings) < LEAST_GROUPS:
         rule = f"must have at least {LEAST_GROUPS} readings"
         raise InputError(where, rule, len(readings))
-    missing = [r.touch is None or r.phase1_deg is None for r in readings]
-    state, found = ("touched", "no touch") if touch else ("released", "a touch")
-    rules = [
-        (missing, "must be received; the tag was not in {}"),
-        # A flag explains why the reader takes a press for none.
-        *(
-            (
-                [word in r.flags for r in readings],
-                f"must not be flagged; '{word}' in {{}}: {reason}",
-            )
-            for word, reason in refused.items()
-        ),
-        ([r.touch != touch for r in readings], f"must be {state}; {found} in {{}}"),
-    ]
-    for broken, rule in rules:
+
+    def refuse(broken: Sequence[bool], rule: str) -> None:
         if any(broken):
-            share = f"{sum(broken)} of {len(readings)} readings"
-            raise InputError(where, rule.format(share))
+            raise InputError(where, rule.format(f"{sum(broken)} of {len(readings)} readings"))
+
+    absent = [r.touch is None or r.phase1_deg is None for r in readings]
+    refuse(absent, "must be received; the tag was not in {}")
+    # A flag explains why the reader takes a press for none.
+    for word, reason in refused.items():
+        flagged = [word in r.flags for r in readings]
+        refuse(flagged, f"must not be flagged; '{word}' in {{}}: {reason}")
+    state, found = ("touched", "no touch") if touch else ("released", "a touch")
+    refuse([r.touch != touch for r in readings], f"must be {state}; {found} in {{}}")
     phases = np.array([(r.phase1_deg, r.phase2_deg) for r in readings], float)
     centre = np.rad2deg(np.angle(np.mean(np.exp(1j * np.deg2rad(phases)), axis=0)))
     deviations = wrap_deg(phases - centre)
@@ -390,10 +385,7 @@ class CalibrationSession:
             cells = ["" if math.isnan(number) else f"{number:.8g}" for number in numbers]
             sweep = "" if m.untouched else m.sweep
             writer.writerow([m.time_utc, *fixed, *cells, m.groups, sweep])
-        try:
-            write_whole(self.path, text.getvalue())
-        except OSError as error:
-            raise unwritable(self.path, error) from error
+        write_text(self.path, text.getvalue())
         self._data, self.measurements = text.getvalue().encode(), measurements
 
     def _measurement(self, number: int, row: dict[str, str]) -> PressMeasurement:

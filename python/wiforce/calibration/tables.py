@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, unwritable
+from ..errors import InputError
 from ..io.optional import optional_module
 from ..io.text.textfile import (
     cell_number,
@@ -19,7 +19,7 @@ from ..io.text.textfile import (
     read_csv,
     refuse_pipe,
     require_columns,
-    write_whole,
+    write_text,
 )
 from ..sensor.model import SensorModel
 from ..signal.carrier import CARRIERS_HZ, same_carrier
@@ -290,10 +290,7 @@ def write_vna_csv(table: CalibrationTable, path: str | Path) -> None:
     for hertz, location, port, force, phase in zip(table.frequency_hz, *columns, strict=True):
         place = "" if math.isnan(location) else f"{location:g}"
         lines.append(f"{hertz / 1e6:.10g},{place},{port},{force:g},{phase:.4f}")
-    try:
-        write_whole(path, "\n".join([*lines, ""]))
-    except OSError as error:
-        raise unwritable(path, error) from error
+    write_text(path, "\n".join([*lines, ""]))
 
 
 # Carrier in Hz, port and phase in degrees of what a line states.

@@ -44,24 +44,23 @@ def leave_locations_out(
     rows = []
     for j in range(1, len(contact.location_mm) - 1):
         others, place = contact.without(j), contact.location_mm[j]
-        interpolation = interpolate(data, others)
-        for port in (0, 1):
-            values = others.added_deg[port].T
-            weights = interpolation.weights(place, port)
-            error = values @ weights - contact.added_deg[port, j]
-            variance = interpolation.variance(np.full(len(error), place), port, values)
-            # The errors of the ruler at this location and at those that predict it.
-            ruler = (ruler_std_mm * data.slope) ** 2 * (1 + weights @ weights)
-            rms_deg, expected_deg = np.sqrt([np.mean(error**2), np.mean(variance) + ruler])
-            rows.append(
-                {
-                    "frequency_mhz": round(data.frequency_hz / 1e6, 6),
-                    "location_mm": float(place),
-                    "port": port + 1,
-                    "rms_deg": round(float(rms_deg), _DECIMALS),
-                    "expected_deg": round(float(expected_deg), _DECIMALS),
-                }
-            )
+        interpolation, values = interpolate(data, others), np.moveaxis(others.added_deg, -1, 0)
+        weights = interpolation.weights(place)
+        error = np.sum(weights * values, axis=-1) - contact.added_deg[:, j].T
+        variance = np.mean(interpolation.variance(place, values), axis=0)
+        # The errors of the ruler at this location and at those that predict it.
+        variance += (ruler_std_mm * data.slope) ** 2 * (1 + np.sum(weights**2, axis=-1))
+        both = zip((1, 2), np.mean(error**2, axis=0) ** 0.5, variance**0.5, strict=True)
+        rows += [
+            {
+                "frequency_mhz": round(data.frequency_hz / 1e6, 6),
+                "location_mm": float(place),
+                "port": port,
+                "rms_deg": round(float(rms_deg), _DECIMALS),
+                "expected_deg": round(float(expected_deg), _DECIMALS),
+            }
+            for port, rms_deg, expected_deg in both
+        ]
     return rows
 
 
@@ -148,8 +147,9 @@ def _exchange(
     order = np.arange(len(contact.location_mm))
     order[[first, second]] = second, first
     added, variance = contact.added_deg.copy(), contact.variance_deg2.copy()
+    shorts = _short_deg(data, contact.location_mm)
     for port in ports:
-        short = _short_deg(data, contact.location_mm, port)
+        short = shorts[:, port]
         values = added[port, order] + (short[order] - short)[:, None]
         middles = np.median(values, axis=1)
         added[port] = values + (np.unwrap(middles, period=360.0) - middles)[:, None]
@@ -157,10 +157,10 @@ def _exchange(
     return replace(contact, added_deg=added, variance_deg2=variance)
 
 
-def _short_deg(data: CarrierData, location_mm: np.ndarray | float, port: int) -> np.ndarray:
-    """Phase of a short exactly at some locations, in degrees."""
-    distance = data.length_mm - location_mm if port else location_mm
-    return np.asarray(line.short_phase_deg(distance, data.frequency_hz, data.permittivity))
+def _short_deg(data: CarrierData, location_mm: np.ndarray | float) -> np.ndarray:
+    """Phases (..., 2) of a short exactly at some locations, in degrees."""
+    distance = line.distances_mm(location_mm, data.length_mm)
+    return line.short_phase_deg(distance, data.frequency_hz, data.permittivity)
 
 
 def _log_probability(rows: Sequence[Mapping[str, Any]]) -> float:
@@ -180,18 +180,14 @@ def _place_among(fitted: CarrierFit, wrong: int, ruler_std_mm: float) -> float |
     data, contact, others = fitted.data, fitted.contact, fitted.contact.without(wrong)
     interpolation = interpolate(data, others)
     places = np.arange(0.0, data.length_mm, _PLACE_STEP_MM)
-    square, variance = np.zeros(len(places)), np.zeros(len(places))
-    for port in (0, 1):
-        values = others.added_deg[port].T
-        short = _short_deg(data, contact.location_mm[wrong], port)
-        measured = contact.added_deg[port, wrong] + short
-        predicted = interpolation.weights(places, port) @ values.T
-        predicted += _short_deg(data, places, port)[:, None]
-        square += np.mean(wrap_deg(measured - predicted) ** 2, axis=1) / 2
-        spread = [interpolation.variance(places, port, value) for value in values]
-        variance += (np.mean(spread, axis=0) + fitted.carrier.noise_deg[port] ** 2) / 2
+    # By force, place and port.
+    values = np.moveaxis(others.added_deg, -1, 0)[:, None]
+    measured = contact.added_deg[:, wrong].T + _short_deg(data, contact.location_mm[wrong])
+    predicted = np.sum(interpolation.weights(places) * values, axis=-1) + _short_deg(data, places)
+    square = np.mean(wrap_deg(measured[:, None] - predicted) ** 2, axis=(0, 2))
     best = int(np.argmin(square))
-    expected = variance[best] + (ruler_std_mm * data.slope) ** 2
+    expected = np.mean(interpolation.variance(places[best], values))
+    expected += np.mean(np.square(fitted.carrier.noise_deg)) + (ruler_std_mm * data.slope) ** 2
     return round(float(places[best]), 1) if square[best] <= _UNEXPECTED**2 * expected else None
 
 

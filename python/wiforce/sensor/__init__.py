@@ -16,23 +16,16 @@ from .tracker import PressTracker
 
 # Where `calibration` has the names that programs import from here.
 _ELSEWHERE = {
-    "CalibrationSession": "calibration.session",
-    "CalibrationTable": "calibration.tables",
-    "SessionPlan": "calibration.session",
-    "calibrate": "calibration.calibrate",
-    "calibration_warnings": "calibration.validation",
-    "measure_press": "calibration.session",
-    "measure_vna": "calibration.tables",
-    "read_tap_csv": "calibration.tables",
-    "read_touchstone_index": "calibration.tables",
-    "read_vna_csv": "calibration.tables",
-    "refine": "calibration.calibrate",
-    "suspicions": "calibration.mistakes",
-    "table_kind": "calibration.tables",
-    "untouched_assumed": "calibration.mistakes",
-    "verdict": "calibration.validation",
-    "write_vna_csv": "calibration.tables",
+    "calibrate": ("calibrate", "refine"),
+    "mistakes": ("suspicions", "untouched_assumed"),
+    "session": ("CalibrationSession", "SessionPlan", "measure_press"),
+    "tables": (
+        *("CalibrationTable", "measure_vna", "table_kind", "write_vna_csv"),
+        *("read_tap_csv", "read_touchstone_index", "read_vna_csv"),
+    ),
+    "validation": ("calibration_warnings", "verdict"),
 }
+_MODULES = {name: module for module, names in _ELSEWHERE.items() for name in names}
 
 __all__ = [
     "Inversion",
@@ -50,6 +43,6 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Import a name of the calibration on first use: models do not need it."""
-    if name not in _ELSEWHERE:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__.rpartition('.')[0]}.{_ELSEWHERE[name]}"), name)
+    return getattr(import_module(f"..calibration.{_MODULES[name]}", __name__), name)

@@ -360,16 +360,9 @@ class CurveModel(SensorModel):
         return values.reshape(*basis.shape[:-1], *curves.shape[:-1])
 
     def short_deg(self, force: Array, location: Array, carrier: int) -> Array:
-        interpolation = self.interpolations[carrier]
-        values = self._at_locations(force, carrier)
-        added = np.stack(
-            [
-                np.sum(interpolation.weights(location, port) * values[..., port, :], axis=-1)
-                for port in (0, 1)
-            ],
-            axis=-1,
-        )
-        distance = np.stack([location, self.length_mm - location], axis=-1)
+        weights = self.interpolations[carrier].weights(location)
+        added = np.sum(weights * self._at_locations(force, carrier), axis=-1)
+        distance = line.distances_mm(location, self.length_mm)
         frequency = self.carriers[carrier].frequency_hz
         return added + line.short_phase_deg(distance, frequency, self.permittivity)
 
@@ -381,13 +374,8 @@ class CurveModel(SensorModel):
         fit = np.einsum("...pjm,...m->...pj", along, basis)
         fit = np.maximum(fit, 0.0)  # a file's digits end somewhere
         values = self._at_locations(force, carrier)
-        variances = []
-        for port in (0, 1):
-            weights = interpolation.weights(location, port)
-            noise = np.sum(weights**2 * fit[..., port, :], axis=-1)
-            between = interpolation.variance(location, port, values[..., port, :])
-            variances.append(noise + between)
-        variance = np.stack(variances, axis=-1) + np.square(curves.misfit_deg)
+        variance = np.sum(interpolation.weights(location) ** 2 * fit, axis=-1)
+        variance += interpolation.variance(location, values) + np.square(curves.misfit_deg)
         if curves.hysteresis_n:
             variance += self._hysteresis_deg(force, location, carrier) ** 2
         return np.sqrt(variance)

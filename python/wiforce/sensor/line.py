@@ -101,9 +101,14 @@ class ContactLaw:
         half_width = self.decay_length_mm * np.interp(-ratio, profile, u)
         from_middle = length_mm / 2 - location
         tilt = self.asymmetry * from_middle / np.hypot(from_middle, self.fade_mm)
-        first = location - half_width * (1 + tilt)
-        second = length_mm - location - half_width * (1 - tilt)
-        return np.maximum(np.stack([first, second], axis=-1), 0.0)
+        widths = half_width[..., None] * np.stack([1 + tilt, 1 - tilt], axis=-1)
+        return np.maximum(distances_mm(location, length_mm) - widths, 0.0)
+
+
+def distances_mm(location_mm: ArrayLike, length_mm: float) -> np.ndarray:
+    """Distances (..., 2) of a location from both ports of a line."""
+    location = np.asarray(location_mm, float)
+    return np.stack([location, length_mm - location], axis=-1)
 
 
 def short_phase_deg(

@@ -128,14 +128,15 @@ class LocationInterpolation:
     transitions: tuple[Transition, ...]
 
     @cached_property
-    def _tables(self) -> list[list[CubicSpline]]:
-        """Splines over location, per port: mean weights, their covariance, residual variance."""
-        (grid, slopes), tables = _grid(self.length_mm), []
+    def _tables(self) -> list[CubicSpline]:
+        """Splines over location: mean weights, their covariance, residual variance; by port."""
+        (grid, slopes), ports = _grid(self.length_mm), []
         for port in (0, 1):
-            predictions = [self._kriging(grid, t, port) for t in self.transitions]
-            weights = np.concatenate([p[0] for p in predictions])
-            share = np.repeat([t.probability for t in self.transitions], 4) / 4
-            share = share * np.concatenate([p[2] for p in predictions])
+            predictions = zip(
+                *(self._kriging(grid, t, port) for t in self.transitions), strict=True
+            )
+            weights, variance, seen = map(np.concatenate, predictions)
+            share = seen * np.repeat([t.probability for t in self.transitions], 4) / 4
             if not np.any(share):
                 rule = "must change between the calibrated locations (are they in mm?)"
                 raise InputError("sensor: interpolation", rule)
@@ -144,9 +145,10 @@ class LocationInterpolation:
             spread = np.einsum("h,hgj,hgi->gji", share, weights, weights)
             spread -= mean[:, :, None] * mean[:, None, :]
             residual = np.repeat([t.residual_variance for t in self.transitions], 4)
-            within = (share * residual) @ np.concatenate([p[1] for p in predictions])
-            tables.append([CubicSpline(grid, table, slopes) for table in (mean, spread, within)])
-        return tables
+            within = (share * residual) @ variance
+            ports.append((mean, spread, within))
+        tables = (np.stack(both, axis=1) for both in zip(*ports, strict=True))
+        return [CubicSpline(grid, table, slopes) for table in tables]
 
     def _kriging(
         self, grid: Array, transition: Transition, port: int
@@ -173,19 +175,17 @@ class LocationInterpolation:
         variance = 1.0 - np.einsum("hkg,hgk->hg", solution, right)
         return np.swapaxes(solution[:, :count], 1, 2), np.maximum(variance, 0.0), seen
 
-    def weights(self, location_mm: ArrayLike, port: int) -> Array:
-        """Shape (..., J)."""
-        return self._tables[port][0](self._inside(location_mm))
+    def weights(self, location_mm: ArrayLike) -> Array:
+        """Of each port; shape (..., 2, J)."""
+        return self._tables[0](self._inside(location_mm))
 
-    def variance(self, location_mm: ArrayLike, port: int, values: Array) -> Array:
-        """Variance of values at locations (...), given those at the calibrated ones (..., J)."""
-        _, spread, within = self._tables[port]
+    def variance(self, location_mm: ArrayLike, values: Array) -> Array:
+        """Variance (..., 2) of values at locations, given the calibrated ones (..., 2, J)."""
+        _, spread, within = self._tables
         inside = self._inside(location_mm)
         along = np.einsum("...ji,...i->...j", spread(inside), values)
-        between = np.sum(values * along, axis=-1)
-        return np.maximum(between, 0.0) + np.maximum(within(inside), 0.0) * np.var(
-            values, axis=-1, ddof=1
-        )
+        between = np.maximum(np.sum(values * along, axis=-1), 0.0)
+        return between + np.maximum(within(inside), 0.0) * np.var(values, axis=-1, ddof=1)
 
     def _inside(self, location_mm: ArrayLike) -> Array:
         return np.clip(np.asarray(location_mm, float), 0.0, self.length_mm)

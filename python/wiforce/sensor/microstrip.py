@@ -14,6 +14,7 @@ from .line import round_trip_deg_per_mm
 # leave 1e-6 of the impedance. A ground that is wider than this many heights acts as an infinite one
 # within 0.1 %.
 _TERMS, _WIDEST_HEIGHTS = 16, 40.0
+PORT_OHM = 50.0  # impedance of the ports at both ends of a line
 # Heights among which a matched one is looked for, in widths of the trace.
 _HEIGHTS = (0.02, 5.0)
 # The tag's firmware (examples/tag_firmware): slots per period, the crystal's frequency, steps that
@@ -87,19 +88,19 @@ class Microstrip:
         """By how much a short that moves by 1 mm changes the phase of S11, in degrees."""
         return float(round_trip_deg_per_mm(frequency_hz, self.effective_permittivity))
 
-    def reflection_db(self, frequency_hz: ArrayLike, port_ohm: float = 50.0) -> np.ndarray:
-        """S11 = r (1 - t^2) / (1 - r^2 t^2) in dB of the untouched line between two ports.
+    def reflection_db(self, frequency_hz: ArrayLike) -> np.ndarray:
+        """S11 = r (1 - t^2) / (1 - r^2 t^2) in dB of the untouched line between ports of 50 ohm.
 
         r = (Z - Z_0) / (Z + Z_0), t = exp(-j beta L) (Pozar, *Microwave Engineering*, 4.3).
         """
-        r = (self.impedance_ohm - port_ohm) / (self.impedance_ohm + port_ohm)
+        r = (self.impedance_ohm - PORT_OHM) / (self.impedance_ohm + PORT_OHM)
         index = np.sqrt(self.effective_permittivity)
         turn = 4e-3 * np.pi * np.asarray(frequency_hz, float) * index * self.length_mm
         through = np.exp(-1j * turn / SPEED_OF_LIGHT_M_S)
         found = np.abs(r * (1 - through) / (1 - r**2 * through))
         return np.asarray(20 * np.log10(np.maximum(found, 1e-12)))
 
-    def matched(self, port_ohm: float = 50.0) -> "Microstrip":
+    def matched(self, port_ohm: float = PORT_OHM) -> "Microstrip":
         """The line at the height, of 0.02 to 5 widths, at which it has the ports' impedance."""
         from scipy.optimize import brentq  # slow to import, and needed here only
 

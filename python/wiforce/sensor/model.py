@@ -334,13 +334,11 @@ class SensorModel:
         self.carrier_index(frequency_hz)
         return (0.0, 0.0)
 
-    def tracker(
-        self, group_period_s: float, frequency_hz: float | None = None, **settings: float
-    ) -> PressTracker:
+    def tracker(self, group_period_s: float, frequency_hz: float | None = None) -> PressTracker:
         """A :class:`~.tracker.PressTracker` of this sensor."""
         from .tracker import PressTracker
 
-        return PressTracker(self, group_period_s, frequency_hz, **settings)
+        return PressTracker(self, group_period_s, frequency_hz)
 
     @cached_property
     def _inverters(self) -> dict[Any, Inverter]:

@@ -42,11 +42,9 @@ def node_slopes(nodes: Array) -> Array:
 class CubicSpline:
     """SciPy's cubic spline through values (n, ...) at nodes (n,), by their :func:`node_slopes`."""
 
-    def __init__(self, nodes: Array, values: Array, slopes: Array | None = None) -> None:
+    def __init__(self, nodes: Array, values: Array, slopes: Array) -> None:
         self._nodes, self._values = nodes, values
-        flat = values.reshape(len(nodes), -1)
-        slopes = node_slopes(nodes) if slopes is None else slopes
-        self._slopes = (slopes @ flat).reshape(values.shape)
+        self._slopes = np.tensordot(slopes, values, 1)
 
     def __call__(self, at: ArrayLike) -> Array:
         """Values at some places, shape (...); of shape (..., *values.shape[1:])."""

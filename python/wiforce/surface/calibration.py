@@ -100,10 +100,9 @@ def fit_spreading(skin: Skin, taps: SurfaceTaps, law: str = "strips") -> tuple[S
     most = skin.untouched_below_n / taps.force_n[:, None]
     data = _Data(distance, np.nan_to_num(share), np.nan_to_num(noise), shown, taps.untouched, most)
     make, std = partial(_FAMILIES[law], _knots(skin.spacing_mm, data)), 0.02
-    every = np.ones(len(taps), bool)
     for _ in range(3):
         std = _left_out_std(make, data, std)
-    keys = make(data, every, std)
+    keys = make(data, std)
     residual = (_expected(Spreading(**keys), data) - data.share)[shown]
     # Of the outer taps, which are never left out, only the residual is known.
     std = max(std, _excess_std(residual, data.noise[shown]))
@@ -147,12 +146,13 @@ class _Data:
     untouched: NDArray[np.bool_]
     most: Array
 
-    def of_strip(self, strip: int) -> "_Data":
-        return _Data(*(v[:, strip : strip + 1] for v in vars(self).values()))
+    def __getitem__(self, which: Any) -> "_Data":
+        """Those of some taps, and strips, as of each array."""
+        return _Data(*(values[which] for values in vars(self).values()))
 
 
-# Data, the taps to use and the standard deviation of a share, to the keys of a law.
-_Make = Callable[[_Data, NDArray[np.bool_], float], dict[str, Any]]
+# Data and the standard deviation of a share, to the keys of a law.
+_Make = Callable[[_Data, float], dict[str, Any]]
 
 
 def _expected(law: Spreading, data: _Data) -> Array:
@@ -169,36 +169,33 @@ def _knots(spacing_mm: float, data: _Data) -> Array:
     return knots
 
 
-def _table(knots: Array, data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
-    middle = len(knots) - 1
-    both = _basis(np.concatenate([-knots[:0:-1], knots]), data.distance_mm)
-    basis = both[..., middle:].copy()
-    basis[..., 1:] += both[..., :middle][..., ::-1]
-    # The same on both sides, and nothing at the end.
+def _table(knots: Array, data: _Data, std: float) -> dict[str, Any]:
+    # The same on both sides, and so level beneath the press, and nothing at the end.
+    basis = _basis(knots, np.abs(data.distance_mm), "clamped")
     bends = np.diff(np.eye(len(knots))[np.r_[1, : len(knots)]], 2, axis=0) / _BEND
     penalty = np.concatenate([bends, np.eye(len(knots))[-1:] / _END_STD])
     # What is fitted is by how much each share exceeds the next one, so that none rises.
     falls = np.triu(np.ones((len(knots), len(knots))))
-    fitted = _least_squares(basis @ falls, data, used, std, penalty @ falls)
+    fitted = _least_squares(basis @ falls, data, std, penalty @ falls)
     points = tuple(knots.round(4).tolist())
     return {"law": "table", "distance_mm": points, "shares": _listed(falls @ fitted)}
 
 
-def _strips(knots: Array, data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
+def _strips(knots: Array, data: _Data, std: float) -> dict[str, Any]:
     knots = np.concatenate([-knots[:0:-1], knots])
     # Points that no tap determines are drawn to 0.
     bends = np.diff(np.eye(len(knots)), 2, axis=0) / _BEND
     penalty = np.concatenate([bends, np.eye(len(knots)) / _UNKNOWN])
     curves = []
     for strip in range(data.share.shape[1]):
-        own = data.of_strip(strip)
+        own = data[:, [strip]]
         basis = _basis(knots, own.distance_mm)
-        curves.append(_listed(_least_squares(basis, own, used, std, penalty)))
+        curves.append(_listed(_least_squares(basis, own, std, penalty)))
     points = tuple(knots.round(4).tolist())
     return {"law": "strips", "distance_mm": points, "strip_shares": tuple(curves)}
 
 
-def _gaussian(knots: Array, data: _Data, used: NDArray[np.bool_], std: float) -> dict[str, Any]:
+def _gaussian(knots: Array, data: _Data, std: float) -> dict[str, Any]:
     from scipy.optimize import least_squares
 
     def keys(share: float, width_mm: float) -> dict[str, Any]:
@@ -208,7 +205,7 @@ def _gaussian(knots: Array, data: _Data, used: NDArray[np.bool_], std: float) ->
         law = Spreading(**keys(*parameters))
         off = _expected(law, data) - np.where(data.shown, data.share, data.most)
         off = np.where(data.shown, off, np.maximum(off, 0) * data.untouched)
-        weighted: Array = (off / np.hypot(data.noise, std))[used].ravel()
+        weighted: Array = (off / np.hypot(data.noise, std)).ravel()
         return weighted
 
     start, bounds = [0.5, 0.8 * _PER_SPACING * knots[1]], ([0.01, 0.1], [1.0, 1000.0])
@@ -220,31 +217,27 @@ def _gaussian(knots: Array, data: _Data, used: NDArray[np.bool_], std: float) ->
 _FAMILIES = {"strips": _strips, "table": _table, "gaussian": _gaussian}
 
 
-def _basis(knots: Array, distance_mm: Array) -> Array:
+def _basis(knots: Array, distance_mm: Array, start: str = "natural") -> Array:
     """What each point of a table adds to the shares; shape (n, S, points)."""
     from scipy.interpolate import CubicSpline
 
     inside = np.clip(distance_mm, knots[0], knots[-1])
-    found: Array = CubicSpline(knots, np.eye(len(knots)), bc_type="natural")(inside)
+    found: Array = CubicSpline(knots, np.eye(len(knots)), bc_type=(start, "natural"))(inside)
     return found
 
 
-def _least_squares(
-    basis: Array, data: _Data, used: NDArray[np.bool_], std: float, penalty: Array
-) -> Array:
+def _least_squares(basis: Array, data: _Data, std: float, penalty: Array) -> Array:
     """Points of a table; untouched strips count where it would give them too much."""
     from scipy.optimize import nnls
 
-    wanted = np.where(data.shown, data.share, data.most)
-    points: Array
+    wanted, counts = np.where(data.shown, data.share, data.most), data.shown
     weight = 1 / np.hypot(data.noise, std)
-    counts, points = data.shown & used[:, None], np.zeros(basis.shape[-1])
+    points: Array = np.zeros(basis.shape[-1])
     for _ in range(_ROUNDS):
         rows = np.concatenate([basis[counts] * weight[counts][:, None], penalty])
         values = np.concatenate([wanted[counts] * weight[counts], np.zeros(len(penalty))])
         points = nnls(rows, values)[0]
-        above = data.untouched & (basis @ points > data.most)
-        counts = (data.shown | above) & used[:, None]
+        counts = data.shown | (data.untouched & (basis @ points > data.most))
     return points
 
 
@@ -259,18 +252,15 @@ def _left_out_std(make: _Make, data: _Data, std: float) -> float:
     _, place = np.unique(data.distance_mm[:, 0].round(1), return_inverse=True)
     inner = (place > 0) & (place < place.max())
     folds = min(_FOLDS, int(place.max()) + 1)
-    errors: list[float] = []
-    noises: list[float] = []
+    errors, noises = [np.zeros(0)], [np.zeros(0)]
     for fold in range(folds):
-        used = ~inner | (place % folds != fold)
-        if not data.shown[used].any() or not data.shown[~used].any():
-            continue
-        law = Spreading(**make(data, used, std))
-        off = _expected(law, data) - data.share
-        left_out = data.shown & ~used[:, None]
-        errors += off[left_out].tolist()
-        noises += data.noise[left_out].tolist()
-    return _excess_std(np.array(errors), np.array(noises))
+        out = inner & (place % folds == fold)
+        used, left_out = data[~out], data[out]
+        if used.shown.any() and left_out.shown.any():
+            off = _expected(Spreading(**make(used, std)), left_out) - left_out.share
+            errors.append(off[left_out.shown])
+            noises.append(left_out.noise[left_out.shown])
+    return _excess_std(np.concatenate(errors), np.concatenate(noises))
 
 
 def _excess_std(errors: Array, noises: Array) -> float:
@@ -298,34 +288,28 @@ def read_taps(path: str | Path, skin: Skin, rows: Iterable[Mapping[str, Any]]) -
         raise InputError(path, f"must hold at most {_MOST_TAPS} presses", len(lines))
     presses = [_known_press(skin, f"{path}: row {line}", row) for line, row in lines]
     starts_s, ends_s, force_n, x_mm, y_mm = np.array(presses).T
-    names = [strip.sensor for strip in skin.strips]
-    shape = len(presses), len(names)
-    untouched = np.zeros(shape, int)
-    touched: dict[tuple[int, int], list[list[float]]] = defaultdict(list)
+    columns = "time_s", "touch", *ESTIMATES
+    clear: dict[str, list[list[Any]]] = defaultdict(list)
     for row in rows:
-        doubts = set(str(row["flags"] or "").split()) - {"extrapolated", "force-unobservable"}
-        if row["sensor"] not in names or doubts:
-            continue
-        strip = names.index(row["sensor"])
-        inside = (starts_s <= row["time_s"]) & (row["time_s"] <= ends_s)
-        shown = [row[key] for key in ESTIMATES]
-        if row["touch"] == 0:
-            untouched[inside, strip] += 1
-        elif row["touch"] == 1 and None not in shown:
-            for tap in np.flatnonzero(inside).tolist():
-                touched[tap, strip].append(shown)
+        if not set(str(row["flags"] or "").split()) - {"extrapolated", "force-unobservable"}:
+            clear[row["sensor"]].append([row[name] for name in columns])
+    shape = len(presses), len(skin.strips)
     median, change = np.full((*shape, len(ESTIMATES)), math.nan), np.full(shape, math.nan)
-    only = untouched > 0
-    for at, groups in touched.items():
-        # A strip that is touched for a part of the time is not known to bear less than its onset.
-        only[at] = False
-        if len(groups) > untouched[at]:
-            # Unlike a mean, not that of the groups in which the force rises, which have no flag.
-            median[at] = np.median(groups, axis=0)
-            change[at] = np.median(np.abs(np.array(groups)[:, 0] - median[at][0]))
-    x = np.empty(shape)
-    for i, each in enumerate(skin.strips):
-        x[:, i] = each.x_of(median[:, i, 2])
+    only, x = np.zeros(shape, bool), np.empty(shape)
+    for i, strip in enumerate(skin.strips):
+        readings = np.reshape(clear[strip.sensor], (-1, len(columns))).astype(float)  # None: NaN
+        time_s, touch, shown = readings[:, 0], readings[:, 1], readings[:, 2:]
+        touched = (touch == 1) & np.isfinite(shown).all(axis=1)
+        for tap, (start_s, end_s) in enumerate(zip(starts_s, ends_s, strict=True)):
+            inside = (start_s <= time_s) & (time_s <= end_s)
+            groups, untouched = shown[inside & touched], int(np.sum(inside & (touch == 0)))
+            # A strip that is touched for a part of the time may bear more than its onset.
+            only[tap, i] = untouched and not len(groups)
+            if len(groups) > untouched:
+                # Unlike a mean, not that of groups in which the force rises, which have no flag.
+                median[tap, i] = np.median(groups, axis=0)
+                change[tap, i] = np.median(np.abs(groups[:, 0] - median[tap, i, 0]))
+        x[:, i] = strip.x_of(median[:, i, 2])
     force, force_std, _, x_std = np.moveaxis(median, -1, 0)
     return SurfaceTaps(force_n, x_mm, y_mm, force, force_std, x, x_std, only, change)
 

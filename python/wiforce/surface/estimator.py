@@ -163,24 +163,22 @@ class SurfacePosterior:
 
     def roughly(self, evidence: SurfaceEvidence) -> SurfacePress:
         """The least-squares press of such evidence, without a covariance: much faster."""
-        summary = _Summary.of(evidence)
         y = np.broadcast_to(self._y, (len(evidence), len(self._y)))
-        mean = self._conditional(summary, evidence, y)[0]
-        misfit, freedom, best = self._misfit(summary, evidence, mean, y)
+        mean, _, _, squares = self._conditional(evidence, y)
+        misfit, freedom, best = self._misfit(evidence, y, mean[..., 0], squares)
         at_best = np.take_along_axis(mean, best[..., None], axis=1)[:, 0]
         found = np.column_stack([at_best, self._y[best[:, 0]]])
         return SurfacePress(found, np.zeros((len(evidence), 3, 3)), misfit, freedom)
 
     def _some(self, evidence: SurfaceEvidence) -> SurfacePress:
-        summary = _Summary.of(evidence)
         y = np.broadcast_to(self._y, (len(evidence), len(self._y)))
-        rough = self._conditional(summary, evidence, y)[2]
+        rough = self._conditional(evidence, y)[2]
         near = rough > rough.max(axis=1, keepdims=True) - _DEPTH
         first, last = near.argmax(axis=1), len(self._y) - 1 - near[:, ::-1].argmax(axis=1)
         low = self._y[np.maximum(first - 1, 0)]
         high = self._y[np.minimum(last + 1, len(self._y) - 1)]
         y = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, _FINE)
-        mean, covariance, _ = self._conditional(summary, evidence, y)
+        mean, covariance, _, squares = self._conditional(evidence, y)
         root = np.linalg.cholesky(covariance)
         least, most = self._forces(evidence, mean[..., 0], root[..., 0, 0], y)
         half, (nodes, weights) = (most - least) / 2, self._of_force
@@ -203,7 +201,7 @@ class SurfacePosterior:
         # What lies between two points across.
         step = (high - low) / (_FINE - 1)
         spread[:, 2, 2] += step**2 / 12
-        misfit, freedom, _ = self._misfit(summary, evidence, mean, y)
+        misfit, freedom, _ = self._misfit(evidence, y, mean[..., 0], squares)
         return SurfacePress(found, spread, misfit, freedom)
 
     def _forces(
@@ -223,58 +221,48 @@ class SurfacePosterior:
         return self._skin.spreading.share_std * force
 
     def _conditional(
-        self, summary: _Summary, evidence: SurfaceEvidence, y: Array
-    ) -> tuple[Array, Array, Array]:
+        self, evidence: SurfaceEvidence, y: Array
+    ) -> tuple[Array, Array, Array, Array]:
         """Mean (n, Y, 2), covariance (n, Y, 2, 2) and log evidence (n, Y) of (force, x) at each y.
 
-        Of touched strips; untouched ones count as far as the least likely force contradicts them.
+        Of touched strips, with their squared residuals (n, Y); untouched ones count as far as the
+        least likely force contradicts them.
         """
-        shares = self._skin.shares(y)  # (n, Y, S)
-        touched = evidence.touched[:, None].astype(float)
-        squares = (touched * shares**2).sum(axis=-1)
-        force = (touched * shares * summary.force_n[:, None]).sum(axis=-1)
-        force = np.clip(force / np.maximum(squares, 1e-4), _LOWEST_N, self._top_n)
+        m, x, ff, fx, xx = _moments(evidence)
+        xx = xx + self._skin.spreading.location_std_mm**2
+        shares, touched = self._skin.shares(y), evidence.touched[:, None].astype(float)  # (n, Y, S)
+        force = (touched * shares * m).sum(axis=-1)
+        force /= np.maximum((touched * shares**2).sum(axis=-1), 1e-4)
+        force = np.clip(force, _LOWEST_N, self._top_n)
         middle = 0.5 * (self._x_span[0] + self._x_span[1])
         prior_force, prior_x = _UNIFORM / self._top_n**2, _UNIFORM / _PRIOR_MM**2
+
+        def inverse(force: Array) -> tuple[Array, Array, Array]:
+            """Inverse covariances (n, Y, S) with the errors of the law; 0 where not touched."""
+            a, c = ff + self._strip_std(force)[..., None] ** 2 + 1e-9, xx + 1e-9
+            determinant = np.maximum(a * c - fx**2, 1e-18)
+            return touched * c / determinant, -touched * fx / determinant, touched * a / determinant
+
         for _ in range(3):
-            inverse = summary.inverse(
-                self._strip_std(force), self._skin.spreading.location_std_mm, touched
-            )
-            a, b, c = inverse
+            a, b, c = inverse(force)
             nff = (a * shares**2).sum(axis=-1) + prior_force
             nfx, nxx = (b * shares).sum(axis=-1), c.sum(axis=-1) + prior_x
-            m, x = summary.force_n[:, None], summary.x_mm[:, None]
             rf = (shares * (a * m + b * x)).sum(axis=-1) + prior_force * self._top_n / 2
             rx = (b * m + c * x).sum(axis=-1) + prior_x * middle
             determinant = nff * nxx - nfx**2
             force = np.clip((nxx * rf - nfx * rx) / determinant, _LOWEST_N, self._top_n)
         along = (nff * rx - nfx * rf) / determinant
         mean = np.stack([force, along], axis=-1)
-        covariance = (
-            np.stack([np.stack([nxx, -nfx], axis=-1), np.stack([-nfx, nff], axis=-1)], axis=-2)
-            / determinant[..., None, None]
-        )
-        squares = self._squares(summary, inverse, shares, force, along)
+        covariance = np.stack([nxx, -nfx, -nfx, nff], axis=-1).reshape(*nff.shape, 2, 2)
+        covariance /= determinant[..., None, None]
+        a, b, c = inverse(force)
+        df, dx = m - shares * force[..., None], x - along[..., None]
+        squares = (a * df**2 + 2 * b * df * dx + c * dx**2).sum(axis=-1)
         least = np.maximum(force - _REACH * np.sqrt(covariance[..., 0, 0]), _LOWEST_N)
         misfit = squares + (self._above(evidence, shares, least) ** 2).sum(axis=-1)
         size = touched * np.log(np.maximum(a * c - b**2, 1e-300))
         log = -0.5 * misfit + 0.5 * size.sum(axis=-1) - 0.5 * np.log(determinant)
-        return mean, covariance, log
-
-    def _squares(
-        self,
-        summary: _Summary,
-        inverse: tuple[Array, Array, Array],
-        shares: Array,
-        force: Array,
-        x: Array,
-    ) -> Array:
-        """Squared residuals of all touched strips (n, Y)."""
-        a, b, c = inverse
-        df = summary.force_n[:, None] - shares * force[..., None]
-        dx = summary.x_mm[:, None] - x[..., None]
-        squares: Array = (a * df**2 + 2 * b * df * dx + c * dx**2).sum(axis=-1)
-        return squares
+        return mean, covariance, log, squares
 
     def _above(self, evidence: SurfaceEvidence, shares: Array, force: Array) -> Array:
         """Standard deviations by which untouched strips bear more than the onset, (n, Y, S)."""
@@ -311,17 +299,11 @@ class SurfacePosterior:
         return total
 
     def _misfit(
-        self, summary: _Summary, evidence: SurfaceEvidence, mean: Array, y: Array
+        self, evidence: SurfaceEvidence, y: Array, force: Array, squares: Array
     ) -> tuple[Array, Array, NDArray[np.intp]]:
         """Least squared residual over y, its degrees of freedom, and where it is (n, 1)."""
-        force, x = mean[..., 0], mean[..., 1]
-        touched = evidence.touched[:, None].astype(float)
-        inverse = summary.inverse(
-            self._strip_std(force), self._skin.spreading.location_std_mm, touched
-        )
-        shares = self._skin.shares(y)
-        above = self._above(evidence, shares, force)
-        squares = self._squares(summary, inverse, shares, force, x) + (above**2).sum(axis=-1)
+        above = self._above(evidence, self._skin.shares(y), force)
+        squares = squares + (above**2).sum(axis=-1)
         best = squares.argmin(axis=1)[:, None]
         misfit = np.take_along_axis(squares, best, axis=1)[:, 0]
         contradicting = np.take_along_axis((above > 0).sum(axis=-1), best, axis=1)[:, 0]
@@ -329,37 +311,18 @@ class SurfacePosterior:
         return misfit, np.maximum(freedom, 1), best
 
 
-@dataclass(frozen=True)
-class _Summary:
-    """Mean and covariance of each strip's own force and x, shape (n, S)."""
-
-    force_n: Array
-    x_mm: Array
-    ff: Array
-    fx: Array
-    xx: Array
-    other_n: Array
-
-    @staticmethod
-    def of(evidence: SurfaceEvidence) -> _Summary:
-        p = evidence.profiles
-        log = np.where(evidence.touched[..., None], p.log_weight, 0.0)
-        weight = np.exp(log - log.max(axis=-1, keepdims=True))
-        weight /= weight.sum(axis=-1, keepdims=True)
-        force, x = (weight * p.force_n).sum(axis=-1), (weight * p.location_mm).sum(axis=-1)
-        df, dx = p.force_n - force[..., None], p.location_mm - x[..., None]
-        ff = (weight * df**2).sum(axis=-1)
-        fx = (weight * df * dx).sum(axis=-1)
-        xx = (weight * (dx**2 + p.variance_mm2)).sum(axis=-1)
-        return _Summary(force, x, ff, fx, xx, evidence.other_n)
-
-    def inverse(self, force_std: Array, x_std: float, touched: Array) -> tuple[Array, Array, Array]:
-        """Inverse covariances (n, Y, S) with the errors of the law; 0 where not touched."""
-        a = (self.ff + self.other_n**2)[:, None] + force_std[..., None] ** 2 + 1e-9
-        c = self.xx[:, None] + x_std**2 + 1e-9
-        b = self.fx[:, None]
-        determinant = np.maximum(a * c - b**2, 1e-18)
-        return touched * c / determinant, -touched * b / determinant, touched * a / determinant
+def _moments(evidence: SurfaceEvidence) -> Array:
+    """Means of each strip's own force and x, and their covariance ff, fx, xx; (5, n, 1, S)."""
+    p = evidence.profiles
+    log = np.where(evidence.touched[..., None], p.log_weight, 0.0)
+    weight = np.exp(log - log.max(axis=-1, keepdims=True))
+    weight /= weight.sum(axis=-1, keepdims=True)
+    force, x = (weight * p.force_n).sum(axis=-1), (weight * p.location_mm).sum(axis=-1)
+    df, dx = p.force_n - force[..., None], p.location_mm - x[..., None]
+    ff = (weight * df**2).sum(axis=-1) + evidence.other_n**2
+    fx = (weight * df * dx).sum(axis=-1)
+    xx = (weight * (dx**2 + p.variance_mm2)).sum(axis=-1)
+    return np.stack([force, x, ff, fx, xx])[:, :, None]
 
 
 Flags = NDArray[np.bool_]

@@ -63,11 +63,9 @@ def _check_distances(value: tuple[float, ...] | None, scope: Scope) -> str | Non
         return None if value is None else _unused("gaussian")
     if value is None:
         return "is missing, a table needs distance_mm and shares or strip_shares"
-    if scope["law"] == "strips":
-        rising = all(b - a >= _LEAST_STEP_MM for a, b in pairwise(value))
-        return None if rising else f"must rise, by {_LEAST_STEP_MM:g} mm or more"
-    if value[0] != 0 or any(b - a < _LEAST_STEP_MM for a, b in pairwise(value)):
-        return f"must begin with 0 and rise, by {_LEAST_STEP_MM:g} mm or more"
+    begin = "" if scope["law"] == "strips" else "begin with 0 and "
+    if (begin and value[0] != 0) or any(b - a < _LEAST_STEP_MM for a, b in pairwise(value)):
+        return f"must {begin}rise, by {_LEAST_STEP_MM:g} mm or more"
     return None
 
 

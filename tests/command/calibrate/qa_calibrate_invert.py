@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from command_runs import refused, succeeded
+from command_runs import refused, rows_of, succeeded
 from gnuradio.wiforce.calibration.tables import measure_vna, read_vna_csv, write_vna_csv
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import load_sensor
@@ -36,20 +36,32 @@ def folder(line, tmp_path_factory):
     return folder
 
 
-def test_phases_become_force_and_location_between_the_calibrated_ones(folder, line):
+@pytest.fixture
+def inverted(folder, tmp_path):
+    """What `invert` gives for rows of a table, by columns, and what it says."""
+
+    def run(columns, rows, *options, sensor=folder / "s.yaml"):
+        with open(tmp_path / "p.csv", "w", newline="") as stream:
+            csv.writer(stream).writerows([columns, *rows])
+        done = succeeded("invert", tmp_path / "p.csv", "--sensor", sensor, *options)
+        return list(csv.DictReader(done.stdout.splitlines())), done.stderr
+
+    return run
+
+
+PHASES = "phase1_deg", "phase2_deg"
+
+
+def test_phases_become_force_and_location_between_the_calibrated_ones(inverted, line):
     forces, places = np.array([2.5, 4.0, 6.5]), np.array([25.0, 45.0, 55.0])
     phases = line.phases_deg(forces, places)
-    with open(folder / "phases.csv", "w", newline="") as stream:
-        rows = csv.writer(stream)
-        rows.writerow(["time_s", "sensor", "phase1_deg", "phase2_deg", "location_mm"])
-        for i in range(3):
-            # As input an angle counts modulo 360; a known location is taken as known.
-            rows.writerow([i, "arm", phases[i, 0] + 360 * i, phases[i, 1], places[i] if i else ""])
-        rows.writerow([3, "arm", *line.untouched_deg(), ""])
-    done = succeeded(
-        "invert", folder / "phases.csv", "--sensor", folder / "s.yaml", "--std-deg", 0.1
-    )
-    readings = list(csv.DictReader(done.stdout.splitlines()))
+    # As input an angle counts modulo 360; a known location is taken as known.
+    rows = [
+        (i, "arm", phases[i, 0] + 360 * i, phases[i, 1], places[i] if i else "") for i in range(3)
+    ]
+    rows.append((3, "arm", *line.untouched_deg(), ""))
+    columns = "time_s", "sensor", *PHASES, "location_mm"
+    readings, _ = inverted(columns, rows, "--std-deg", 0.1)
     for i in range(3):
         assert float(readings[i]["force_n"]) == pytest.approx(forces[i], abs=0.25)
         assert float(readings[i]["location_mm"]) == pytest.approx(places[i], abs=0.3)
@@ -58,12 +70,43 @@ def test_phases_become_force_and_location_between_the_calibrated_ones(folder, li
     assert readings[3]["touch"] == "0" and readings[3]["force_n"] == ""
 
 
+def test_invert_with_large_std_does_not_report_untouched(inverted, line):
+    """`--std-deg 45` reported presses as untouched, without a flag."""
+    rows = [line.untouched_deg(), line.phases_deg(4.0, 40.0)]
+
+    def found(*options):
+        readings, _ = inverted(PHASES, rows, *options, sensor="line-900mhz")
+        return [(row["touch"], row["flags"]) for row in readings]
+
+    for std_deg in (45, 60):
+        assert all(touch != "0" and "weak" in flags for touch, flags in found("--std-deg", std_deg))
+    (untouched, first), (touched, second) = found("--std-deg", 4)
+    assert (untouched, touched) == ("0", "1") and "weak" in first and "weak" in second
+    assert found() == [("0", ""), ("1", "")]
+
+
+def test_invert_warns_of_radians_and_of_phases_that_do_not_fit(inverted, line):
+    phases = line.phases_deg([2.0, 3.0, 4.0, 5.0], [25.0, 35.0, 45.0, 55.0])
+    for changed, message in (
+        (phases, ""),
+        (np.radians(phases), "in radians"),
+        (-phases, "do not fit the sensor"),
+        (2.7 * phases, "do not fit the sensor"),
+    ):
+        _, said = inverted(PHASES, changed.tolist(), sensor="line-900mhz")
+        assert message in said and bool(message) == bool(said)
+
+
 @pytest.mark.parametrize(
     "content, message",
     [
         ("", "has no rows"),
         ("phase1_deg,phase2_deg\n", "has no rows"),
         ("phase1_deg\n1\n", "must have a column phase2_deg"),
+        ("phase1_deg,phase1_deg\n1,2\n", "must have different names, got 'phase1_deg'"),
+        # A decimal comma shifts all fields behind it.
+        ("phase1_deg,phase2_deg\n1,2\n1,5,2\n", "row 3: must have as many fields as there are"),
+        ("phase1_deg,phase2_deg\n1,2,\n", "row 2: must have as many fields as there are columns"),
         ("phase1_deg,phase2_deg\n1,x\n", "row 2: phase2_deg: must be a number, got 'x'"),
         ("phase1_deg,phase2_deg\n1,nan\n", "row 2: phase2_deg: must be finite and at most 1e+12"),
         (
@@ -83,17 +126,14 @@ def test_phases_that_cannot_be_are_refused_by_row(folder, tmp_path, content, mes
     assert message in said and not (tmp_path / "o.csv").exists()
 
 
-def test_readings_are_inverted_again_without_taking_their_location_as_known(folder, tmp_path, line):
-    phases = line.phases_deg(4.0, 33.0)
-    (tmp_path / "r.csv").write_text(
-        "time_s,sensor,touch,force_n,force_std_n,location_mm,location_std_mm,phase1_deg,phase2_deg\n"
-        f"0,arm,1,3.0,0.2,41.0,0.5,{phases[0]},{phases[1]}\n"
-        f"1,arm,1,3.0,0.2,33.0,0,{phases[0]},{phases[1]}\n"
-        f"2,arm,1,3.0,0.2,33.0,,{phases[0]},{phases[1]}\n"
-    )
+def test_readings_are_inverted_again_without_taking_their_location_as_known(
+    inverted, tmp_path, line
+):
+    columns = "sensor", "touch", "force_n", "location_mm", "location_std_mm", *PHASES
+    phases, given = line.phases_deg(4.0, 33.0), ((41.0, 0.5), (33.0, 0), (33.0, ""))
     outputs = "-o", tmp_path / "o.csv", "-o", tmp_path / "o.jsonl"
-    succeeded("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml", *outputs)
-    rows = list(csv.DictReader((tmp_path / "o.csv").open()))
+    inverted(columns, [("arm", 1, 3.0, *each, *phases) for each in given], *outputs)
+    rows = rows_of(tmp_path / "o.csv")
     assert (tmp_path / "o.jsonl").read_text().count("\n") == len(rows) == 3
     assert float(rows[0]["location_mm"]) == pytest.approx(33.0, abs=0.5)
     assert float(rows[0]["location_std_mm"]) > 0
@@ -101,21 +141,18 @@ def test_readings_are_inverted_again_without_taking_their_location_as_known(fold
 
 
 @pytest.mark.parametrize("option", [[], ["--tracked"], ["--smoothed"]])
-def test_readings_of_a_sensor_that_was_not_received_stay_empty_rows(folder, tmp_path, line, option):
+def test_readings_of_a_sensor_that_was_not_received_stay_empty_rows(inverted, line, option):
     """One lost group kept the output of `read` from being inverted again."""
-    phases = ",".join(map(str, line.phases_deg(4.0, 33.0)))
-    rows = [f"{t},arm,{t},{phases}" for t in range(5)]
-
-    def inverted(*rows):
-        (tmp_path / "r.csv").write_text(
-            "\n".join(["time_s,sensor,group,phase1_deg,phase2_deg,flags", *rows])
-        )
-        done = succeeded("invert", tmp_path / "r.csv", "--sensor", folder / "s.yaml", *option)
-        return done.stdout.splitlines()[1:]
-
-    found = inverted(rows[0], "1,arm,1,,,reference gap", "2,arm,2,,", *rows[3:])
-    assert found[1:3] == ["1.0,arm,,,,,,,,,gap,1,", "2.0,arm,,,,,,,,,weak,2,"]
-    assert found[:1] + found[3:] == inverted(rows[0], *rows[3:])
+    columns = "time_s", "sensor", "group", *PHASES, "flags"
+    rows = [(t, "arm", t, *line.phases_deg(4.0, 33.0), "") for t in range(5)]
+    lost = [(1, "arm", 1, "", "", "reference gap"), (2, "arm", 2, "", "", "")]
+    found, _ = inverted(columns, [rows[0], *lost, *rows[3:]], *option)
+    known = [{key: value for key, value in row.items() if value} for row in found[1:3]]
+    assert known == [
+        {"time_s": "1.0", "sensor": "arm", "flags": "gap", "group": "1"},
+        {"time_s": "2.0", "sensor": "arm", "flags": "weak", "group": "2"},
+    ]
+    assert found[:1] + found[3:] == inverted(columns, [rows[0], *rows[3:]], *option)[0]
 
 
 def test_taps_refine_a_sensor(folder, line, tmp_path):
@@ -161,13 +198,6 @@ def test_calibrate_from_a_pipe_needs_the_kind_and_reads_it_once(folder, tmp_path
         os.close(reading)
     model, expected = load_sensor(tmp_path / "o.yaml"), load_sensor(folder / "s.yaml")
     assert model.phases_deg(4.0, 45.0) == pytest.approx(expected.phases_deg(4.0, 45.0), abs=1e-9)
-
-
-def test_a_sensor_named_by_no_text_is_refused_and_not_written(tmp_path):
-    sensor = tmp_path / "s.yaml"
-    transfer = ("transfer", "wiforce-900mhz", "--frequency-hz", "915e6", "-o", sensor)
-    said = refused(*transfer, "--name", "bell\a")
-    assert "s.yaml: name: must be printable text" in said and not sensor.exists()
 
 
 OFF = [[0.2, -0.1], [-0.05, 0.15]]

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The dialogue of `gr-wiforce calibrate --live` with a scripted person."""
 
-import math
 import os
 import re
 import time
@@ -29,13 +28,14 @@ _ASKED = re.compile(r"([\d.]+) mm, about ([\d.]+) N")
 class Script:
     """Answers prompts: by the script first, then as a careful person would.
 
-    ``answers``: what is typed at the prompts for a force; a callable gets force and location, may
-    press as it likes, and returns the line.
+    ``answers``: what is typed at the prompts for a force, None at the end of input, or a function
+    that returns it; ``types`` forces else; ``holds``: the sensor stays pressed at so many prompts
+    to release it.
     """
 
-    def __init__(self, sensor, answers=(), prompts=None, types=True):
-        self._sensor, self._answers, self._prompts = sensor, list(answers), prompts
-        self._types = types
+    def __init__(self, sensor, answers=(), types=True, holds=0):
+        self._sensor, self._answers = sensor, list(answers)
+        self._types, self._holds = types, holds
         self.shown = ""
 
     def echo(self, text="", nl=True):
@@ -43,20 +43,17 @@ class Script:
 
     def next(self, idle):
         idle()
-        if self._prompts is not None:
-            self._prompts -= 1
-            if self._prompts < 0:
-                return None
         asked = _ASKED.fullmatch(self.shown.rsplit("\n", 1)[-1].split(" N:")[0] + " N")
         if asked is None:
-            self._sensor.force_n = 0.0
+            self._sensor.force_n = 3.0 if self._holds > 0 else 0.0
+            self._holds -= 1
             return ""
         location_mm, force_n = map(float, asked.groups())
         self._sensor.force_n, self._sensor.location_mm = force_n, location_mm
         if not self._answers:
             return f"{force_n}" if self._types else ""
         answer = self._answers.pop(0)
-        return answer(force_n, location_mm) if callable(answer) else answer
+        return answer() if callable(answer) else answer
 
 
 @pytest.fixture
@@ -69,9 +66,9 @@ def path(tmp_path):
     return tmp_path / "arm.taps.csv"
 
 
-def run(sensor, path, answers=(), prompts=None, scale=None):
+def run(sensor, path, answers=(), scale=None, holds=0):
     """Whether the dialogue came to its end, what it showed, and the session's measurements."""
-    script = Script(sensor, answers, prompts, types=scale is None)
+    script = Script(sensor, answers, scale is None, holds)
     session = CalibrationSession(PLAN, path)
     finished = GuidedCalibration(session, sensor, script, script.echo, scale).run()
     return finished, script.shown, session.measurements
@@ -101,10 +98,7 @@ def test_wrong_entry_is_explained_and_asked_again(sensor, path, entry, reason):
 @pytest.mark.parametrize("end", ["q", None])
 def test_quitting_keeps_everything_and_the_next_run_continues(sensor, path, end):
     """Typing q, or closing the terminal, would lose the session."""
-    if end is None:
-        finished, shown, before = run(sensor, path, prompts=4)
-    else:
-        finished, shown, before = run(sensor, path, ["1", "2", "4", end])
+    finished, shown, before = run(sensor, path, ["1", "2", "4", end])
     assert not finished and len(before) == 4
     finished, shown, after = run(sensor, path)
     assert finished and f"Presses stored in {path}: 3; the session continues" in shown
@@ -147,20 +141,9 @@ def test_location_left_early_does_not_cost_the_sensor(tmp_path, monkeypatch):
 
 
 def test_sensor_that_is_still_pressed_is_not_taken_as_untouched(sensor, path):
-    script = Script(sensor)
-    first = script.next
-
-    def press_on(idle):
-        line = first(idle)
-        if "30 mm from port 1" in script.shown and "released" not in script.shown:
-            sensor.force_n = 3.0
-        return line
-
-    script.next = press_on
-    session = CalibrationSession(PLAN, path)
-    assert GuidedCalibration(session, sensor, script, script.echo).run()
-    assert len(session.measurements) == 12
-    assert script.shown.count("must be released; a touch in 14 of 14 readings") == 1
+    finished, shown, measurements = run(sensor, path, holds=1)
+    assert finished and len(measurements) == 12
+    assert shown.count("must be released; a touch in 14 of 14 readings") == 1
 
 
 class FakeScale:
@@ -168,11 +151,10 @@ class FakeScale:
 
     def __init__(self, sensor):
         self.gauge = ForceGauge("scale", now_s=time.monotonic())
-        self._sensor = sensor
-        self.silent_until = 0
+        self._sensor, self.sends = sensor, True
 
     def poll(self):
-        if time.monotonic() >= self.silent_until:
+        if self.sends:
             self.gauge.note_force(time.monotonic(), self._sensor.force_n)
 
 
@@ -181,17 +163,17 @@ def test_scale_that_stops_sending_is_reported_and_waited_for(sensor, path, monke
     monkeypatch.setattr("gnuradio.wiforce.calibration.gauges._SILENCE_S", 0.2)
     scale = FakeScale(sensor)
 
-    def fall_silent(force_n, location_mm):
-        scale.silent_until = math.inf
+    def fall_silent():
+        scale.sends = False
         return ""
 
-    def plug_in_again(force_n, location_mm):
-        scale.silent_until = 0
+    def plug_in_again():
+        scale.sends = True
         scale.poll()
         return ""
 
     answers = ["", fall_silent, plug_in_again]
-    finished, shown, measurements = run(sensor, path, answers, scale=scale)
+    finished, shown, measurements = run(sensor, path, answers, scale)
     assert finished and "press Enter" in shown
     assert shown.count("scale: has sent no force for") == 1
     assert [each.force_n for each in measurements[1:6]] == [1, 2, 4, 6, 8]

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.sensor import load_sensor
+from gnuradio.wiforce.sensor import PressTracker, load_sensor
 
 PERIOD_S = 0.036
 
@@ -21,12 +21,12 @@ def a_press(rng, count=40):
     return np.clip(np.r_[np.linspace(1.5, peak, 8), wander], 1.0, 8.0), rng.uniform(22, 58)
 
 
-def followed(model, phases, std, **settings):
-    tracker = model.tracker(PERIOD_S, **settings)
+def followed(model, phases, std):
+    tracker = model.tracker(PERIOD_S)
     return np.array([tracker.update(pair, std)[:4] for pair in phases]).T
 
 
-def grid_filter(model, phases, std, walk_n, start_n, start_std_n, freedom=4.0):
+def grid_filter(model, phases, std, walk_n, start_n, start_std_n):
     """The same believed, on a plain grid of force and location: posterior means over time."""
     forces, places = np.arange(0.9, 9.7, 0.04), np.arange(28.0, 40.0, 0.1)
     grid = model.phases_deg(np.maximum(forces, 0.9)[:, None], places)
@@ -38,7 +38,7 @@ def grid_filter(model, phases, std, walk_n, start_n, start_std_n, freedom=4.0):
     for i, pair in enumerate(phases):
         belief = spread @ belief if i else belief
         away = ((pair - grid + 180) % 360 - 180) ** 2 / variance
-        likelihood = (1 + away.sum(-1) / freedom) ** (-(freedom + 2) / 2)
+        likelihood = (1 + away.sum(-1) / 4.0) ** (-(4.0 + 2) / 2)  # of four degrees of freedom
         belief = belief * likelihood / np.sqrt(variance.prod(-1))
         belief /= belief.sum()
         means.append((belief.sum(1) @ forces, belief.sum(0) @ places))
@@ -125,7 +125,7 @@ def test_a_press_that_jumps_without_release_is_found_again_and_one_without_phase
 def test_settings_that_cannot_be_are_refused(model):
     for settings in ({"group_period_s": 0.0}, {"group_period_s": 1.0, "force_walk_n": -1.0}):
         with pytest.raises(InputError, match="must be positive"):
-            model.tracker(**settings)
+            PressTracker(model, **settings)
     with pytest.raises(InputError, match=r"phases_deg: must have shape \(2,\)"):
         model.tracker(1.0).update([1.0, 2.0, 3.0], 0.1)
     with pytest.raises(InputError, match="std_deg"):

@@ -5,20 +5,19 @@ Everything a user does is done: strips are calibrated from VNA tables, the skin 
 read from a capture, and presses at other points are read from another one.
 """
 
-import csv
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import second_simulator as other
+import surface_presses as made
 import yaml
 from command_runs import rows_of, succeeded
 from rooms.effects import OtherSensors
 from rooms.rooms import Capture, Room
-from skin_law import ALONG_MM, STRIPS_MM, strip_loads
+from skin_law import ALONG_MM, strip_loads
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1800)]
-NAMES, CLOCKS_HZ = ("a", "b", "c", "d"), (1035.0, 1165.0, 1365.0, 1480.0)
 FIRST_S, RISE_S, HOLD_S, EACH_S = 0.7, 0.02, 0.15, 0.3
 
 
@@ -26,7 +25,7 @@ def tags_under(presses, lost=None):
     """The four tags while the skin is pressed: rows of force, x, y, one after the other."""
     loads = strip_loads(presses[:, 0], presses[:, 2])
     tags = []
-    for i, (name, clock_hz) in enumerate(zip(NAMES, CLOCKS_HZ, strict=True)):
+    for i, (name, clock_hz) in enumerate(zip(made.NAMES, made.CLOCKS_HZ, strict=True)):
         own = tuple(
             (FIRST_S + EACH_S * n, RISE_S, HOLD_S, load, load, press[1] - ALONG_MM[i])
             for n, (press, load) in enumerate(
@@ -58,30 +57,13 @@ def held(n):
 def folder(tmp_path_factory):
     """A calibrated surface."""
     folder = tmp_path_factory.mktemp("captures")
-    across = np.arange(-3.0, 40.0, 3.0)
-    y, x = (v.ravel() for v in np.meshgrid(across, [28.0, 52.0]))
-    taps = np.column_stack([np.where(np.arange(len(y)) % 2, 5.0, 8.0), x, y])
+    taps = made.known_presses(along=(28.0, 52.0))
     for i, tag in enumerate(write_capture(folder, "taps", taps, 21)):
         vna = replace(tag, presses=())
         other.write_vna(vna, folder / f"{tag.name}.csv", np.random.default_rng(i))
         succeeded("calibrate", f"{tag.name}.csv", "-o", f"{tag.name}.yaml", cwd=folder)
-    scene = {
-        "sensors": [
-            {"name": n, "model": f"{n}.yaml", "clock_hz": hz}
-            for n, hz in zip(NAMES, CLOCKS_HZ, strict=True)
-        ],
-        "surface": {
-            "strips": [
-                {"sensor": n, "y_mm": float(y)} for n, y in zip(NAMES, STRIPS_MM, strict=True)
-            ]
-        },
-    }
-    (folder / "bare.yaml").write_text(yaml.safe_dump(scene))
-    scene["surface"]["spreading_file"] = "skin.yaml"
-    with open(folder / "taps.csv", "w", newline="") as stream:
-        rows = csv.writer(stream)
-        rows.writerow(["start_s", "end_s", "force_n", "x_mm", "y_mm"])
-        rows.writerows([*held(n), *tap] for n, tap in enumerate(taps.tolist()))
+    (folder / "bare.yaml").write_text(yaml.safe_dump(made.scene("{}.yaml")))
+    made.write_taps(folder / "taps.csv", [[*held(n), *tap] for n, tap in enumerate(taps.tolist())])
     read(folder, "bare.yaml", "taps")
     done = succeeded(
         *("calibrate", "taps.csv", "--surface", "bare.yaml", "--readings", "taps-read.csv"),
@@ -89,6 +71,7 @@ def folder(tmp_path_factory):
         cwd=folder,
     )
     print(done.stdout)
+    scene = made.scene("{}.yaml", spreading_file="skin.yaml")
     (folder / "scene.yaml").write_text(yaml.safe_dump(scene))
     return folder
 
@@ -106,19 +89,22 @@ def presses():
 
 def errors(rows, presses):
     """Errors, standard deviations and flags in the groups in which a press was held."""
-    found = []
+    pairs = []
     for n, press in enumerate(presses):
         start, end = held(n)
         for row in rows:
             # Whole groups of 36 ms inside the time in which the force is constant.
             if start <= float(row["time_s"]) - 0.018 and float(row["time_s"]) + 0.018 <= end:
                 assert row["touch"] == "1", row
-                keys = ("force_n", "location_mm", "y_mm")
-                stds = ("force_std_n", "location_std_mm", "y_std_mm")
-                error = [float(row[k]) - p for k, p in zip(keys, press, strict=True)]
-                found.append((error, [float(row[k]) for k in stds], press[0], row["flags"]))
-    error, std, force, flags = zip(*found, strict=True)
-    return np.array(error), np.array(std), np.array(force), flags
+                pairs.append((row, press))
+
+    def numbers(*names):
+        return np.array([[float(row[name]) for name in names] for row, _ in pairs])
+
+    true = np.array([press for _, press in pairs])
+    error = numbers("force_n", "location_mm", "y_mm") - true
+    std = numbers("force_std_n", "location_std_mm", "y_std_mm")
+    return error, std, true[:, 0], [row["flags"] for row, _ in pairs]
 
 
 def report(error, std, force):

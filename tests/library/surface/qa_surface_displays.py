@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A press on a surface in the browser and in Qt: where it is, how hard, and how sure."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gnuradio import wiforce
@@ -72,13 +74,8 @@ def test_ellipse_has_the_axes_of_the_covariance():
     turn = np.radians(tilt)
     axes = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     c = axes @ np.diag([1.0, 9.0]) @ axes.T
-    reading = SurfaceReading(
-        *(1.0, "skin", 1, 4.0, 0.1, 30.0, np.sqrt(c[0, 0])),
-        y_mm=12.0,
-        y_std_mm=np.sqrt(c[1, 1]),
-        cov_x_y=c[0, 1],
-    )
-    semi, angle = ellipse(reading)
+    reading = press(y_std_mm=np.sqrt(c[1, 1]), cov_x_y=c[0, 1])
+    semi, angle = ellipse(replace(reading, location_std_mm=np.sqrt(c[0, 0])))
     assert semi == pytest.approx((2.0, 6.0)) and angle % 180 == pytest.approx(tilt)
     assert ellipse(press(y_std_mm=None))[0] is None
 

@@ -88,12 +88,17 @@ def write_whole(path: str | Path, text: str) -> None:
         part.write_text(text, encoding="utf-8")
 
 
-def write_csv(path: str | Path, frame: Any) -> None:
-    """Write a pandas frame with four decimals, whole or not at all."""
+def write_text(path: str | Path, text: str) -> None:
+    """As :func:`write_whole`; an InputError or OutputError names the file and the reason."""
     try:
-        write_whole(path, frame.to_csv(index=False, float_format="%.4f"))
+        write_whole(path, text)
     except OSError as error:
         raise unwritable(path, error) from error
+
+
+def write_csv(path: str | Path, frame: Any) -> None:
+    """Write a pandas frame with four decimals, whole or not at all."""
+    write_text(path, frame.to_csv(index=False, float_format="%.4f"))
 
 
 @contextmanager
@@ -241,10 +246,7 @@ def parse_yaml(path: str | Path, data: bytes) -> dict[Any, Any]:
 def write_yaml(path: str | Path, content: dict[str, Any], heading: str = "") -> None:
     """Write plain values in their order to a YAML file below a heading, whole or not at all."""
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=100)
-    try:
-        write_whole(path, heading + text)
-    except OSError as error:
-        raise unwritable(path, error) from error
+    write_text(path, heading + text)
 
 
 def _line(text: object) -> str:
