@@ -36,18 +36,16 @@ class SoapyRadio(Radio):
     def _open(self, request):
         soapy, library = _libraries()
         _keep_standard_error()
-        self._opened = []
-        transmits = not request.receive_only
-        args = _arguments("--args", request.args)
+        self._opened, args = [], request.args
+        for given in (("--args", args), request.transmitter):
+            _check_arguments(*given)
         device = self._device(library, "--args", args)
         with self._asking("--args", args):
             _check_receiver(library, device, args, request.antennas)
         receiver = _block(soapy.source, "--args", args, request.antennas)
         transmitter = None
-        if transmits:
-            option, other = "--args", args
-            if request.tx_args is not None:
-                option, other = "--tx-args", _arguments("--tx-args", request.tx_args)
+        if not request.receive_only:
+            option, other = request.transmitter
             other_device = self._device(library, option, other)
             with self._asking(option, other):
                 _check_transmitter(library, other_device, option, other, other == args)
@@ -170,13 +168,12 @@ def _keep_standard_error():
     sys.stderr = open(kept, "w", encoding="utf-8")
 
 
-def _arguments(option, args):
-    """The arguments, which must name a module."""
+def _check_arguments(option, args):
+    """Refuse arguments that name no module."""
     pairs = (pair.partition("=") for pair in args.split(","))
     if not {key.strip(): value.strip() for key, _, value in pairs}.get("driver"):
         rule = "must name the SoapySDR module, as driver=lime (`SoapySDRUtil --find` lists devices)"
         raise InputError(option, rule, args)
-    return args
 
 
 def _check_receiver(library, device, args, antennas):

@@ -180,9 +180,7 @@ class RadioStreams:
         """
         request = self._request
         if self._transmission is not self._reception and self._radio.sink is not None:
-            own = request.tx_args is not None
-            option, args = ("--tx-args", request.tx_args) if own else ("--args", request.args)
-            start_flowgraph(self._transmission, stopped, option, args)
+            start_flowgraph(self._transmission, stopped, *request.transmitter)
             if not self._passes(_TRANSMIT_AHEAD_S, stopped):
                 return
         for lead_s in _START_LEADS_S:

@@ -186,4 +186,4 @@ def test_live_transmitter_of_its_own_needs_two_antennas_and_says_so(played):
 
 def test_soapy_arguments_without_a_module_are_refused():
     with pytest.raises(InputError, match="^--args: must name the SoapySDR module, as driver=lime"):
-        soapy._arguments("--args", "addr=127.0.0.254")
+        soapy._check_arguments("--args", "addr=127.0.0.254")
