@@ -12,7 +12,6 @@
  *   drops=A:N;B:M    N samples before sample A of the file are lost, and so on, without
  *                    a report
  *   overflow=A:N     the same, and the driver reports an overflow
- *   ends=A           nothing is received from sample A on
  *   throws=CALL:KIND an exception in this call: duplex, agc, rate, frequency, gain,
  *                    antenna, time; KIND is invalid or range, and std::runtime_error
  *                    without it
@@ -74,8 +73,7 @@ public:
           d_overflows(losses_of(value(args, "overflow", ""))),
           d_has_bytes(value(args, "bytes", "0") == "1"),
           d_throws(value(args, "throws", "")),
-          d_nan(value(args, "nan", "")),
-          d_end(std::stoul(value(args, "ends", "1000000000000")))
+          d_nan(value(args, "nan", ""))
     {
         for (const char* key : { "file", "file2" })
             if (args.count(key))
@@ -134,7 +132,7 @@ public:
         lose(now, d_drops);
         if (lose(now, d_overflows))
             return SOAPY_SDR_OVERFLOW;
-        const std::size_t end = std::min(d_received[0].size(), d_end);
+        const std::size_t end = d_received[0].size();
         std::size_t taken = std::min({ count, MTU, end - std::min(end, now.samples) });
         for (const auto* losses : { &d_drops, &d_overflows })
             if (const auto next = losses->upper_bound(now.samples); next != losses->end())
@@ -290,7 +288,6 @@ private:
     std::map<std::size_t, std::size_t> d_drops, d_overflows;
     const bool d_has_bytes;
     const std::string d_throws, d_nan;
-    const std::size_t d_end;
     std::vector<std::vector<sample>> d_received;
     progress d_streams[2]; // SOAPY_SDR_TX is 0, SOAPY_SDR_RX 1
     std::string d_antenna = "A";
