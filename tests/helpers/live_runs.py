@@ -107,14 +107,3 @@ def connected(kind, port):
 def ask(client, word):
     client.send_string(word)
     return json.loads(client.recv_string())
-
-
-def command(*words):
-    """Exit status, output and messages of a command."""
-    done = subprocess.run(
-        [sys.executable, "-m", "wiforce_app.main", *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    return done.returncode, done.stdout, done.stderr
