@@ -112,10 +112,18 @@ def test_keeper_device_lost_again_at_once_is_not_hammered():
     assert max(steady.pauses_s) < 16.5  # a device that has run for a while is reopened soon
 
 
-@pytest.mark.parametrize("error", [BUSY, GAIN])
-def test_keeper_settings_and_busy_devices_at_the_start_are_refused(error):
-    with pytest.raises(type(error)):
-        Bench(error).run(10)
+@pytest.mark.parametrize(
+    ("fate", "reconnect", "error"),
+    [
+        (BUSY, True, DeviceBusy),
+        (GAIN, True, InputError),
+        (ABSENT, False, DeviceAbsent),
+        (3.0, False, DeviceLost),
+    ],
+)
+def test_keeper_ends_with_what_no_waiting_mends(fate, reconnect, error):
+    with pytest.raises(error):
+        Bench(fate, reconnect=reconnect).run(10)
 
 
 @pytest.mark.parametrize("error", [BUSY, GAIN])
@@ -124,12 +132,6 @@ def test_keeper_found_once_goes_on_whatever_comes_back(error):
     bench = Bench(12.0, error, error, 60.0)
     bench.run(30)
     assert bench.keeper.state == "running" and len(bench.opened_s) == 4
-
-
-@pytest.mark.parametrize("fate", [ABSENT, 3.0])
-def test_keeper_without_reconnect_ends(fate):
-    with pytest.raises((DeviceAbsent, DeviceLost)):
-        Bench(fate, reconnect=False).run(10)
 
 
 def test_keeper_silent_driver_is_given_up():
