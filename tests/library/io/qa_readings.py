@@ -13,7 +13,6 @@ import pytest
 from command_runs import rows_of
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.writers import RotatingWriter, Rotation, open_writer
-from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher
 from gnuradio.wiforce.io.outputs import Outputs
 from gnuradio.wiforce.io.readings import (
     COLUMNS,
@@ -25,7 +24,6 @@ from gnuradio.wiforce.io.readings import (
     reading_of,
 )
 from gnuradio.wiforce.wiforce_kernels import group_reading, reading_fields
-from machine import free_port
 
 TOUCHED = Reading(0.018, "arm", 1, 4.123456, 0.05, 45.0, 0.1, 91.5, -12.25, 9.876, ("gap", "weak"))
 UNKNOWN = Reading(0.054, "arm", None, None, None, None, None, None, None, None, ("gap",))
@@ -105,15 +103,6 @@ def test_writer_existing_file_is_kept_until_first_reading(earlier):
         assert earlier.read_text() == "precious\n"
         writer.write(UNKNOWN)
         assert earlier.read_text() == f"{','.join(COLUMNS)}\n0.054,arm,,,,,,,,,gap,,\n"
-
-
-def test_rows_are_counted_by_files_and_not_by_sockets(tmp_path):
-    """Those of sockets were 0, whatever was sent."""
-    publisher = ReadingsPublisher(f"tcp://127.0.0.1:{free_port()}")
-    file = open_writer(tmp_path / "out.csv")
-    with Outputs(file, publisher) as outputs:
-        outputs.write(UNKNOWN)
-    assert outputs.rows == file.rows == 1 and not hasattr(publisher, "rows")
 
 
 def test_outputs_beside_a_full_standard_output_get_all_rows(tmp_path, monkeypatch):
