@@ -31,7 +31,6 @@ def readings(count=300):
 @pytest.mark.parametrize("suffix", ["mcap", "parquet"])
 def test_export_refuses_changed_bytes_or_gives_the_same_readings(tmp_path, suffix):
     """A bit that a disk has changed must not become another force."""
-    pytest.importorskip({"mcap": "mcap_ros2", "parquet": "pyarrow"}[suffix])
     path, out = tmp_path / f"a.{suffix}", tmp_path / "out.csv"
     with McapWriter(path) if suffix == "mcap" else open_writer(path) as writer:
         for reading in readings():
@@ -73,7 +72,6 @@ def test_export_refuses_changed_bytes_or_gives_the_same_readings(tmp_path, suffi
 )
 def test_export_malformed_row_is_named_in_one_line(tmp_path, suffix, text, message):
     """A file that was cut off, or has other columns, must not become fewer or other readings."""
-    pytest.importorskip("mcap_ros2")
     path = tmp_path / f"a.{suffix}"
     path.write_bytes(text.encode(errors="surrogateescape"))
     said = refused("export", path, "-o", tmp_path / "a.mcap")
@@ -82,7 +80,6 @@ def test_export_malformed_row_is_named_in_one_line(tmp_path, suffix, text, messa
 
 def test_parquet_with_a_damaged_name_of_a_column_is_refused(tmp_path):
     """The names are not covered by any checksum; the command ended with an error of a codec."""
-    pytest.importorskip("pyarrow")
     path = tmp_path / "a.parquet"
     with open_writer(path) as writer:
         writer.write(Reading(1.0, "arm"))
@@ -93,7 +90,6 @@ def test_parquet_with_a_damaged_name_of_a_column_is_refused(tmp_path):
 
 def test_parquet_file_whose_name_is_not_utf8_is_read(tmp_path):
     """Its name ended the run that joins the readings of all captures of a folder."""
-    pytest.importorskip("pyarrow")
     path = tmp_path / os.fsdecode(b"n\xe9.parquet")
     with open_writer(path) as writer:
         writer.write(Reading(1.0, "arm"))
@@ -113,14 +109,12 @@ def test_export_keeps_keys_that_only_later_lines_have(tmp_path):
     succeeded("export", tmp_path / "a.jsonl", "--to", "csv")
     lines = (tmp_path / "a.csv").read_text().splitlines()
     assert lines[0].endswith(",note") and lines[2].endswith(',"{""by"": true}"')
-    pytest.importorskip("mcap_ros2")
     done = run_command("export", tmp_path / "a.jsonl", "--to", "mcap")
     assert "columns without a field in MCAP are left out: note" in done.stderr
 
 
 def test_mcap_sensors_that_would_share_topics_are_refused(tmp_path):
     """Their wrenches would be published on one topic."""
-    pytest.importorskip("mcap_ros2")
     rows = [{"time_s": 1, "sensor": name} for name in ("a/b c", "a b/c")]
     (tmp_path / "a.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     done = run_command("export", tmp_path / "a.jsonl", "--to", "mcap")
@@ -133,8 +127,6 @@ def test_mcap_sensors_that_would_share_topics_are_refused(tmp_path):
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet", "mcap"])
 def test_export_full_disk_names_the_output_and_keeps_the_former_one(tmp_path, monkeypatch, suffix):
-    pytest.importorskip({"mcap": "mcap_ros2", "parquet": "pyarrow"}.get(suffix, "csv"))
-
     def full(self, data):
         self._failure = OutputError(self._path, "cannot be written further (disk full); rows kept")
         raise self._failure
