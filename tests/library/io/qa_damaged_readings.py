@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from command_runs import refused, run_command, succeeded
 from gnuradio import wiforce
-from gnuradio.wiforce.calibration.gauges import read_gauge
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.files.mcap_file import McapWriter
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
@@ -201,27 +200,6 @@ def test_score_offset_of_a_gauge_with_unix_times_is_as_exact_as_of_small_ones(tm
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("time_s,force_n\n", "g.csv: must hold two forces or more"),
-        ("time_s,force_n\n1,0\n1,2\n", "g.csv: time_s must increase"),
-        ("time_s,force_n\n0,0\n90000,2\n200000,1\n", "g.csv: must hold several values while"),
-        ("time_s,force_n\n0,0\n1,1e308\n2,-1e308\n", "row 3: force_n must be below 1e+12 N"),
-        ("Time (days),Force\n0,0\n1,2\n", "Time (days): names an unknown unit of time"),
-        ("time_s,force_n\n0,True\n1,False\n", "row 2: force_n must be a finite number"),
-        ("time_s,force_n\n0,5,1,2\n1,5,2,2\n", "must not have more fields than there are columns"),
-        ("t,force\n0,1\n1,\n2,1\n1,2\n", "row 5: t must not decrease"),
-    ],
-)
-def test_score_gauge_that_shows_no_presses_is_refused(tmp_path, text, message):
-    with open_writer(tmp_path / "a.csv") as writer:
-        for reading in readings(50):
-            writer.write(reading)
-    (tmp_path / "g.csv").write_text(text)
-    assert message in refused("score", tmp_path / "a.csv", "--against", tmp_path / "g.csv")
-
-
-@pytest.mark.parametrize(
     ("times", "message"),
     [
         ([], "a.jsonl: holds no readings"),
@@ -237,10 +215,3 @@ def test_score_readings_of_no_or_endless_time_are_refused(tmp_path, times, messa
     (tmp_path / "g.csv").write_text("time_s,force_n\n0,0\n0.1,2\n")
     said = refused("score", tmp_path / "a.jsonl", "--against", tmp_path / "g.csv")
     assert message in said
-
-
-def test_gauge_rows_that_end_in_a_separator_are_not_shifted(tmp_path):
-    """Loggers write such rows, whose times were taken for forces."""
-    (tmp_path / "g.csv").write_text("Time (h);Force (N)\n0;5;\n1;7;\n")
-    record = read_gauge(tmp_path / "g.csv")
-    assert record.time_s.tolist() == [0, 3600] and record.force_n.tolist() == [5, 7]
