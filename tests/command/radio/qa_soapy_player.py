@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_runs import refused
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
@@ -169,19 +168,6 @@ def test_soapy_free_running_transmitter_is_read_with_two_antennas(tmp_path, long
     # Both antennas are recorded as they were received.
     sizes = [(tmp_path / f"{name}.sigmf-data").stat().st_size for name in ("kept", "kept.antenna2")]
     assert sizes[0] == sizes[1] > 4 * 1.5 * RATE
-
-
-def test_live_transmitter_of_its_own_needs_two_antennas_and_says_so(played):
-    scene, file = played
-    needs = "reader_clock: free and receive_antennas: 2"
-    cases = [
-        (["--receive-only"], ["--receive-only", needs]),
-        (["--tx-args", "driver=player"], ["--tx-args", needs, "--reference external"]),
-        (["--tx-args", "driver=player", "--receive-only"], ["--receive-only", "without --tx-args"]),
-    ]
-    for words, expected in cases:
-        said = refused("live", *start(scene, file, "time=0", *words))
-        assert all(word in said for word in expected)
 
 
 def test_soapy_arguments_without_a_module_are_refused():
