@@ -32,8 +32,7 @@ def test_export_refuses_changed_bytes_or_gives_the_same_readings(tmp_path, suffi
     """A bit that a disk has changed must not become another force."""
     path, out = tmp_path / f"a.{suffix}", tmp_path / "out.csv"
     with McapWriter(path) if suffix == "mcap" else open_writer(path) as writer:
-        for reading in readings():
-            writer.write(reading)
+        writer.write_all(readings())
     whole = path.read_bytes()
     succeeded("export", path, "-o", out)
     expected = out.read_text()
@@ -131,8 +130,7 @@ def test_export_full_disk_names_the_output_and_keeps_the_former_one(tmp_path, mo
         raise self._failure
 
     with open_writer(tmp_path / "a.jsonl") as writer:
-        for reading in readings(5):
-            writer.write(reading)
+        writer.write_all(readings(5))
     out = tmp_path / f"out.{suffix}"
     out.write_text("former")
     monkeypatch.setattr("gnuradio.wiforce.io.files.output_file.OutputFile.write", full)

@@ -178,8 +178,7 @@ def readings(first, count, sensors=("left", "right")):
 
 def write(writer, found):
     with writer:
-        for reading in found:
-            writer.write(reading)
+        writer.write_all(found)
 
 
 @pytest.mark.parametrize("name", ["grip.csv", "grip.jsonl"])
@@ -203,8 +202,7 @@ def test_output_of_a_running_writer_refused_and_unchanged(tmp_path, append, rota
     """A second live reader with the same output emptied the file of the first one."""
     path = tmp_path / "grip.csv"
     with open_writer(path) as writer:
-        for reading in readings(0, 10):
-            writer.write(reading)
+        writer.write_all(readings(0, 10))
         before = path.read_bytes()
         with pytest.raises(InputError, match="is being written to by another process"):
             open_writer(path, append=append, rotation=rotation).begin()
