@@ -9,8 +9,9 @@ import time
 from contextlib import ExitStack, closing, contextmanager
 from urllib.parse import urlsplit
 
-from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, Replies, answer_words
+from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, answer_words
 from gnuradio.wiforce.io.readings import Reading
+from live_runs import served
 from machine import free_port, wait_until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
@@ -52,13 +53,11 @@ class Publisher:
     def __init__(self, sensors=("arm",)):
         self.sensors, self.refusal, self.tare_s = sensors, "", 0.0
         self.tares = self.forced = 0
-        self.readings, self.control = str(free_port()), str(free_port())
-        self._publisher = ReadingsPublisher(self.readings)
-        requests = {"tare": self._tare, "tare force": self._force}
-        self._replies = Replies(self.control, answer_words(requests))
-        self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._serve)
-        self._thread.start()
+        self.readings, self._held = str(free_port()), ExitStack()
+        self._publisher = self._held.enter_context(ReadingsPublisher(self.readings))
+        answer = answer_words({"tare": self._tare, "tare force": self._force})
+        port, _ = self._held.enter_context(served(answer))
+        self.control = str(port)
 
     def _tare(self):
         self.tares += 1
@@ -68,10 +67,6 @@ class Publisher:
     def _force(self):
         self.forced += 1
         return {}
-
-    def _serve(self):
-        while not self._ending.wait(0.02):
-            self._replies.serve(10)
 
     def publish(self, *readings, run=RUN):
         for reading in readings:
@@ -103,10 +98,7 @@ class Publisher:
         wait_until(condition, limit_s, meanwhile=lambda: self.heartbeat(**heartbeat))
 
     def close(self):
-        self._ending.set()
-        self._thread.join()
-        self._replies.close()
-        self._publisher.close()
+        self._held.close()
 
 
 @contextmanager
