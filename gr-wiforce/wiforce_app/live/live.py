@@ -204,9 +204,6 @@ def live(
         kept = "all readings until then are kept" if outputs.rows else "there are no readings"
         log.error(f"{lost}; {kept}")
         return FAILED
-    except _NoFrames as error:
-        log.error(str(error))
-        return FAILED
 
 
 def _keys_of(zmq_endpoint, control, folder):
@@ -359,7 +356,8 @@ def _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **o
                     if duration and session.time_s >= duration:
                         ending.request("duration")
                     elif duration and session.searched_s >= max(duration, _LEAST_SEARCH_S):
-                        raise _NoFrames(session.searched_s)
+                        found = f"no sounding frames found in {session.searched_s:.1f} s of samples"
+                        raise DeviceLost(found)
             finally:
                 service.stopping()
                 keeper.stop()
@@ -378,15 +376,6 @@ def _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **o
             log.error(f"--record: the recording is incomplete ({ending.failure.strerror})")
     log.info(f"read {monitor.summary()}")
     return 0 if ending.failure is None else FAILED
-
-
-class _NoFrames(Exception):
-    """Nothing was read in the duration of a run, for want of frames."""
-
-    def __init__(self, searched_s):
-        super().__init__(
-            f"no sounding frames found in {searched_s:.1f} s of samples; there are no readings"
-        )
 
 
 class _Ending:
