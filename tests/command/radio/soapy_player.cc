@@ -172,22 +172,14 @@ public:
     {
         return { "A", "B" };
     }
-    void setAntenna(const int, const std::size_t, const std::string& name) override
+    void setAntenna(const int, const std::size_t, const std::string&) override
     {
         fail("antenna");
-        d_antenna = name;
     }
-    std::string getAntenna(const int, const std::size_t) const override
-    {
-        return d_antenna;
-    }
+    std::string getAntenna(const int, const std::size_t) const override { return "A"; }
     // One gain, which changes by itself until that is switched off.
     bool hasGainMode(const int, const std::size_t) const override { return true; }
-    void setGainMode(const int, const std::size_t, const bool automatic) override
-    {
-        fail("agc");
-        d_is_automatic = automatic;
-    }
+    void setGainMode(const int, const std::size_t, const bool) override { fail("agc"); }
     void setGain(const int, const std::size_t, const double value) override
     {
         fail("gain");
@@ -195,7 +187,7 @@ public:
     }
     double getGain(const int, const std::size_t) const override
     {
-        return stated("gain", d_is_automatic ? -1 : d_gain);
+        return stated("gain", d_gain);
     }
     SoapySDR::Range getGainRange(const int, const std::size_t) const override
     {
@@ -290,8 +282,6 @@ private:
     const std::string d_throws, d_nan;
     std::vector<std::vector<sample>> d_received;
     progress d_streams[2]; // SOAPY_SDR_TX is 0, SOAPY_SDR_RX 1
-    std::string d_antenna = "A";
-    bool d_is_automatic = true;
     double d_gain = 0, d_frequency = 900e6, d_rate = 1e6;
 };
 
