@@ -4,7 +4,6 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from gnuradio.wiforce.io.network.device_lock import DeviceLock
@@ -14,7 +13,7 @@ from wiforce_app.main import main
 from wiforce_app.radio.request import DeviceLost
 from wiforce_app.radio.soapy import _text
 
-MODULE = Path(__file__).parents[3] / "build" / "tests" / "libsoapy_player.so"
+pytestmark = pytest.mark.usefixtures("soapy_player")
 RATE, CARRIER = "radio.sample_rate_hz: ", "radio.center_frequency_hz: "
 
 # What the driver does, what is asked of it besides, and what is said of it.
@@ -60,13 +59,6 @@ except ValueError as error:
     os.write(2, str(error).encode())
 os._exit(0)
 """
-
-
-@pytest.fixture(autouse=True)
-def module(monkeypatch):
-    if not MODULE.exists():
-        pytest.skip("not built: libsoapysdr-dev was missing")
-    monkeypatch.setenv("SOAPY_SDR_PLUGIN_PATH", str(MODULE.parent))
 
 
 @pytest.fixture

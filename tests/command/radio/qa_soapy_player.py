@@ -2,7 +2,6 @@
 """Radios that lack what a USRP has: times, full duplex, reports of losses (soapy_player.cc)."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from live_runs import SLOW, SLOW_GROUP_S, rows_of, run_session, scene_of
 from wiforce_app.radio import soapy
 
 RATE, FRAME = SLOW["radio"]["sample_rate_hz"], SLOW["sounding"]["frame_length"]
-MODULE = Path(__file__).parents[3] / "build" / "tests" / "libsoapy_player.so"
+pytestmark = pytest.mark.usefixtures("soapy_player")
 FORCE_N, LOCATION_MM = 4.0, 45.0
 PRESS_S = 0.6, 1.6  # with the rise and the fall
 DURATION_S = 2.1
@@ -42,13 +41,6 @@ def played(tmp_path_factory):
     codes = np.fromfile(folder / "press.sigmf-data", "<i2")
     codes[2 * 137 :].tofile(folder / "played.ci16")
     return scene, folder / "played.ci16"
-
-
-@pytest.fixture(autouse=True)
-def module(monkeypatch):
-    if not MODULE.exists():
-        pytest.skip("not built: libsoapysdr-dev was missing")
-    monkeypatch.setenv("SOAPY_SDR_PLUGIN_PATH", str(MODULE.parent))
 
 
 def start(scene, file, arguments, *options):
