@@ -18,7 +18,7 @@ from multiprocessing.connection import Connection
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.device_lock import DeviceLock
 
-from ..shell.workers import spawned
+from ..shell.workers import end_within, spawned
 from .request import (
     LOST_STATUS,
     DeviceAbsent,
@@ -88,11 +88,7 @@ class RadioLink:
         self._control.close()
         if self._samples is not None:
             self._samples.close()
-        try:
-            self._process.wait(_CLOSE_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        end_within(self._process, _CLOSE_S)
 
     def discard(self) -> None:
         """End the process without waiting for its device, which is lost."""
