@@ -21,9 +21,6 @@ TOKEN = "a-token-of-a-test"
 class NoSource:
     """A source that has nothing to say."""
 
-    def fileno(self):
-        return None
-
     def poll(self, page_state):
         page_state.show({"state": "waiting"})
 
