@@ -7,7 +7,6 @@ import os
 import signal
 import time
 from datetime import datetime
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,14 +18,7 @@ from live_runs import (
     streaming_s,
     wait_until,
 )
-
-
-def children(process):
-    """Processes that a process has started."""
-    return [
-        int(text)
-        for text in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-    ]
+from machine import children
 
 
 def check_times(rows, losses):

@@ -11,19 +11,11 @@ from pathlib import Path
 import pytest
 from live_runs import free_ports, live, rows_of, wait_until
 from long_cases import cases
+from machine import children
 from web_pages import RawViewer, touched
 from wiforce_app.web import live_page
 from wiforce_app.web.address import PageAddress
 from wiforce_app.web.sources import page_row
-
-
-def page_process(reader):
-    """Process that serves the page of a live reader."""
-    for task in Path(f"/proc/{reader.pid}/task").iterdir():
-        for child in (task / "children").read_text().split():
-            if b"live_page" in Path(f"/proc/{child}/cmdline").read_bytes():
-                return int(child)
-    return None
 
 
 def first_viewer(url):
@@ -64,7 +56,7 @@ def test_live_page_shows_all_readings_and_how_the_run_ends(
 
             while len(rows) < 20:
                 take(viewer.message())
-            page = page_process(reader)
+            (page,) = [child for child in children(reader) if b"live_page" in cmdline(child)]
             reader.send_signal(signal.SIGTERM if ending == "signal" else signal.SIGKILL)
             while ending == "signal" and statuses[-1].get("state") != "ended":
                 take(viewer.message())

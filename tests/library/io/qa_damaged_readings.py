@@ -115,9 +115,8 @@ def test_mcap_sensors_that_would_share_topics_are_refused(tmp_path):
     """Their wrenches would be published on one topic."""
     rows = [{"time_s": 1, "sensor": name} for name in ("a/b c", "a b/c")]
     (tmp_path / "a.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-    done = run_command("export", tmp_path / "a.jsonl", "--to", "mcap")
     rule = "sensor 'a b/c': has the same ROS topic as 'a/b c', /wiforce/a_b_c/reading"
-    assert done.returncode == 2 and rule in done.stderr and done.stderr.count("\n") == 1
+    assert rule in refused("export", tmp_path / "a.jsonl", "--to", "mcap")
     assert len(list(tmp_path.iterdir())) == 1
     with pytest.raises(InputError, match="has the same ROS topic"):
         McapWriter(tmp_path / "b.mcap", sensors=["a/b c", "a b/c"])
