@@ -238,20 +238,15 @@ def test_endpoint_of_another_machine_is_refused_with_the_rule(port, host):
 @pytest.mark.parametrize(
     ("answer", "status", "words"),
     [
-        (b"READY", 2, "must be the --control endpoint of a reader of this version"),
-        (b'{"ok": true, "state": "reading", "sensors": {"arm": {}}}', 2, "it answers otherwise"),
-        (b'{"ok": false, "error": "100 requests wait"}', 1, "status refused: 100 requests wait"),
+        ("READY", 2, "must be the --control endpoint of a reader of this version"),
+        ('{"ok": true, "state": "reading", "sensors": {"arm": {}}}', 2, "it answers otherwise"),
+        ('{"ok": false, "error": "100 requests wait"}', 1, "status refused: 100 requests wait"),
     ],
 )
-def test_status_of_what_is_no_reader_is_one_line(port, answer, status, words):
+def test_status_of_what_is_no_reader_is_one_line(answer, status, words):
     """A port that was mixed up must not look like a fault of the program."""
-    with zmq.Context() as context, context.socket(zmq.REP) as server:
-        server.setsockopt(zmq.LINGER, 0)
-        server.bind(f"tcp://127.0.0.1:{port}")
-        answering = threading.Thread(target=lambda: server.recv() and server.send(answer))
-        answering.start()
+    with served(lambda word: answer) as (port, _):
         done = run_command("status", str(port))
-        answering.join()
     said = done.stderr if status == 2 else done.stdout
     assert done.returncode == status and words in said
     assert len(said.splitlines()) == 1
