@@ -65,6 +65,7 @@ def test_export_refuses_changed_bytes_or_gives_the_same_readings(tmp_path, suffi
         ("csv", "time_s,sensor,force_n,force_n\n1,arm,2,3\n", "must have different names"),
         ("csv", "time_s,sensor\n1,arm\n2,arm,3\n", "line 3: must have as many fields"),
         ("csv", 'time_s,sensor\n1,"arm\n', "is not a CSV file"),
+        ("csv", "time_s,sensor\n1,\udcff\n", "is not UTF-8"),
         ("csv", "time_s,sensor,group\n1,arm,1_0\n", "row 1: is no reading"),
     ],
 )
