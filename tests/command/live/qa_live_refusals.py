@@ -67,6 +67,7 @@ def test_live_outputs_that_cannot_be_opened_keep_what_is_there(tmp_path):
             (["-o", pipe, "-o", kept[1], "--zmq", port], ["--zmq", "in use"]),
             (["-o", pipe, "-o", tmp_path / "out.txt"], ["out.txt", ".csv"]),
             (["-o", kept[1], "--control", port], ["--control", "in use"]),
+            (["-o", kept[1], "--foxglove", port], ["--foxglove: cannot be bound", "in use"]),
             (["-o", kept[1], "--web", port], ["--web: cannot be opened (Address already in use)"]),
             (["--zmq", "ipc://x"], ["--zmq"]),
         ):
