@@ -8,9 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from gnuradio import blocks, gr, uhd
+from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.simulator import capture
+from software_n210.device import parse_fault
 from software_n210.scene_air import SceneAir
 
 REFERENCE_AMPLITUDE = 0.5  # of the sounding waveform, at gains of 15 dB
@@ -156,6 +158,17 @@ def test_scene_air_at_another_rate_or_carrier_gives_noise_only(scene, spacing, c
         device.send(amplitude * frames(scene, 20), spacing)
         levels.append(rms(device.receive(7200, spacing=spacing)))
     assert levels[1] == pytest.approx(levels[0], rel=0.05) and levels[0] > 0
+
+
+def test_scene_air_faults_act_on_the_named_sensor(scene):
+    device = Connectors(scene)
+    device.receive(1)
+    tag = device.air.sensor("arm")
+    for kind in ("off", "on"):
+        parse_fault(f"0 {kind} arm").apply(device)
+        assert tag.on == (kind == "on")
+    with pytest.raises(InputError, match="sensor: must be one of the scene's"):
+        device.air.sensor("leg")
 
 
 def test_emulate_accepts_lines(software_usrp, scene_file):
