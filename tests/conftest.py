@@ -17,7 +17,7 @@ import pytest
 import wiforce_app  # noqa: F401  how OpenBLAS is used, before NumPy is imported
 from command_runs import run_command
 from live_runs import SLOW, scene_file
-from software_usrp import SoftwareUsrp, software_usrp  # noqa: F401
+from software_usrp import SoftwareUsrp, soapy_player, software_usrp  # noqa: F401
 
 ROOT = Path(__file__).parent
 # Several times what a test takes on a busy machine.

@@ -45,7 +45,7 @@ class DeviceClock:
     @property
     def time(self):
         """Device time in ticks."""
-        return (self.ticks + self.offset) % _TIME_SPAN
+        return self.to_time(self.ticks)
 
     def to_ticks(self, time):
         """Ticks since power-on of a device time."""
@@ -63,7 +63,7 @@ class DeviceClock:
             if self._at_pulse is not None:
                 self.offset = self._at_pulse - pulse
                 self._at_pulse = None
-            self.last_pulse = (pulse + self.offset) % _TIME_SPAN
+            self.last_pulse = self.to_time(pulse)
         self.ticks = ticks
 
     def poke(self, register, value):

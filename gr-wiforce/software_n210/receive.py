@@ -97,10 +97,7 @@ class PacketStream:
         block[:, RX_HEADER_WORDS:-1].view(">i2")[:] = samples.reshape(packets, 2 * size)
         block[:, -1] = rx_trailer(end_of_burst)
         self._packet_count += packets
-        self._emit(block)
-
-    def _emit(self, block):
-        lost = min(self._lose, len(block))
+        lost = min(self._lose, packets)
         self._lose -= lost
         self.dropped_packets += lost
         block = block[lost:]

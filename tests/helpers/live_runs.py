@@ -10,6 +10,7 @@ from pathlib import Path
 
 import zmq
 from command_runs import rows_of  # noqa: F401  of those who use what is here
+from gnuradio.wiforce.io.network.zmq_sockets import Replies
 from machine import free_ports, wait_until  # noqa: F401
 
 FRAMES = "recv_frame_size=8000,send_frame_size=8000"
@@ -104,17 +105,32 @@ def connected(kind, port):
         yield client
 
 
+@contextmanager
+def served(answer=str.upper, keys=None):
+    """The port of a server of requests, and the list of what it was asked."""
+    asked, ended = [], threading.Event()
+
+    def noted(text):
+        asked.append(text)
+        return answer(text)
+
+    (port,) = free_ports(1)
+    replies = Replies(str(port), noted, keys=keys)
+
+    def serve():
+        while not ended.wait(0.005):
+            replies.serve(10)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        yield port, asked
+    finally:
+        ended.set()
+        thread.join()
+        replies.close()
+
+
 def ask(client, word):
     client.send_string(word)
     return json.loads(client.recv_string())
-
-
-def command(*words):
-    """Exit status, output and messages of a command."""
-    done = subprocess.run(
-        [sys.executable, "-m", "wiforce_app.main", *map(str, words)],
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    return done.returncode, done.stdout, done.stderr

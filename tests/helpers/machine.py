@@ -7,6 +7,7 @@ import socket
 import sys
 import time
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 
 def free_ports(count):
@@ -33,6 +34,12 @@ def wait_until(condition, limit=300, pause_s=0.02, process=None, meanwhile=None)
             meanwhile()
         time.sleep(pause_s)
     return result
+
+
+def children(process):
+    """Processes that a process has started, by any of its threads."""
+    lists = Path(f"/proc/{process.pid}/task").glob("*/children")
+    return [int(child) for each in lists for child in each.read_text().split()]
 
 
 def rows_in(path):

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A software USRP for any test: a process at a loopback address of its own."""
+"""Radios for any test: a software USRP at a loopback address of its own, a player by SoapySDR."""
+
+from pathlib import Path
 
 import pytest
 from wiforce_app.bench.live import DeviceProcess
@@ -28,3 +30,12 @@ def software_usrp():
     for device in running:
         if device.process.returncode is None:
             device.stop()
+
+
+@pytest.fixture
+def soapy_player(monkeypatch):
+    """The SoapySDR module ``player`` (soapy_player.cc)."""
+    module = Path(__file__).parents[2] / "build" / "tests" / "libsoapy_player.so"
+    if not module.exists():
+        pytest.skip("not built: libsoapysdr-dev was missing")
+    monkeypatch.setenv("SOAPY_SDR_PLUGIN_PATH", str(module.parent))

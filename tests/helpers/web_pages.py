@@ -6,12 +6,15 @@ import json
 import socket
 import threading
 import time
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from urllib.parse import urlsplit
 
-from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, Replies, answer_words
+from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, answer_words
 from gnuradio.wiforce.io.readings import Reading
+from live_runs import served
 from machine import free_port, wait_until
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
 from wiforce_app.web.address import PageAddress
 
 RUN = "20260101T000000Z-abcdef"
@@ -50,13 +53,11 @@ class Publisher:
     def __init__(self, sensors=("arm",)):
         self.sensors, self.refusal, self.tare_s = sensors, "", 0.0
         self.tares = self.forced = 0
-        self.readings, self.control = str(free_port()), str(free_port())
-        self._publisher = ReadingsPublisher(self.readings)
-        requests = {"tare": self._tare, "tare force": self._force}
-        self._replies = Replies(self.control, answer_words(requests))
-        self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._serve)
-        self._thread.start()
+        self.readings, self._held = str(free_port()), ExitStack()
+        self._publisher = self._held.enter_context(ReadingsPublisher(self.readings))
+        answer = answer_words({"tare": self._tare, "tare force": self._force})
+        port, _ = self._held.enter_context(served(answer))
+        self.control = str(port)
 
     def _tare(self):
         self.tares += 1
@@ -66,10 +67,6 @@ class Publisher:
     def _force(self):
         self.forced += 1
         return {}
-
-    def _serve(self):
-        while not self._ending.wait(0.02):
-            self._replies.serve(10)
 
     def publish(self, *readings, run=RUN):
         for reading in readings:
@@ -101,10 +98,7 @@ class Publisher:
         wait_until(condition, limit_s, meanwhile=lambda: self.heartbeat(**heartbeat))
 
     def close(self):
-        self._ending.set()
-        self._thread.join()
-        self._replies.close()
-        self._publisher.close()
+        self._held.close()
 
 
 @contextmanager
@@ -124,48 +118,33 @@ def untouched(time_s, sensor="arm"):
 
 
 class RawViewer:
-    """A websocket client that reads only when it is asked to."""
+    """A browser's connection, which reads only when it is asked to; ``status`` of its request."""
 
-    def __init__(self, url, path="/readings", headers=(), receive_buffer=None):
-        parts = urlsplit(url)
-        self._socket = socket.socket()
+    def __init__(self, url, path="/readings", origin=None, receive_buffer=None):
+        address, self._held = urlsplit(url), ExitStack()
+        own = self._held.enter_context(socket.socket())
         if receive_buffer is not None:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
-        self._socket.settimeout(60)
-        self._socket.connect((parts.hostname, parts.port))
-        lines = [
-            f"GET {path} HTTP/1.1",
-            f"Host: {parts.netloc}",
-            "Upgrade: websocket",
-            "Connection: Upgrade",
-            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",  # the example of RFC 6455
-            "Sec-WebSocket-Version: 13",
-            *headers,
-        ]
-        self._socket.sendall(("\r\n".join(lines) + "\r\n\r\n").encode())
-        self._file = self._socket.makefile("rb")
-        self.status = int(self._file.readline().split()[1])
-        while self._file.readline().strip():
-            pass
+            own.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        own.connect((address.hostname, address.port))
+        options = {"sock": own, "origin": origin, "compression": None, "close_timeout": 0.1}
+        try:
+            connection = connect(
+                f"ws://{address.netloc}{path}", max_size=None, max_queue=1, **options
+            )
+            self._connection = self._held.enter_context(connection)
+            self.status = 101
+        except InvalidStatus as refusal:
+            self.status = refusal.response.status_code
 
     def send(self, text):
-        """Send a short text, masked with zeros."""
-        data = text.encode()
-        self._socket.sendall(bytes([0x81, 0x80 | len(data), 0, 0, 0, 0]) + data)
+        self._connection.send(text)
 
     def message(self):
         """The next message; None after the server has closed the connection."""
-        while True:
-            head = self._file.read(2)
-            if len(head) < 2 or head[0] & 0xF == 8:
-                return None
-            length = head[1] & 0x7F
-            if length >= 126:
-                length = int.from_bytes(self._file.read(2 if length == 126 else 8), "big")
-            data = self._file.read(length)
-            if head[0] & 0xF == 1:
-                return json.loads(data)
+        try:
+            return json.loads(self._connection.recv(timeout=60))
+        except ConnectionClosed:
+            return None
 
     def close(self):
-        self._file.close()
-        self._socket.close()
+        self._held.close()

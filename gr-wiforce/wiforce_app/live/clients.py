@@ -2,6 +2,7 @@
 """``gr-wiforce status`` and ``keys``: health of a live reader, and keys for its ZMQ sockets."""
 
 import json
+from functools import partial
 
 import click
 from gnuradio.wiforce.errors import InputError
@@ -10,26 +11,21 @@ from gnuradio.wiforce.io.readings import outcome_words
 
 from ..shell.options import FiniteRange, client_keys
 
+# An option that is a time in seconds.
+_seconds = partial(
+    click.option,
+    type=FiniteRange(0, min_open=True),
+    default=2.0,
+    show_default=True,
+    metavar="S",
+)
+
 
 @click.command()
 @click.argument("endpoint")
 @click.option("--json", "as_json", is_flag=True, help="Print the reader's whole answer as JSON.")
-@click.option(
-    "--max-age",
-    type=FiniteRange(0, min_open=True),
-    default=2.0,
-    show_default=True,
-    metavar="S",
-    help="Oldest last reading of a sensor that counts as healthy.",
-)
-@click.option(
-    "--timeout",
-    type=FiniteRange(0, min_open=True),
-    default=2.0,
-    show_default=True,
-    metavar="S",
-    help="Time to wait for the answer.",
-)
+@_seconds("--max-age", help="Oldest last reading of a sensor that counts as healthy.")
+@_seconds("--timeout", help="Time to wait for the answer.")
 @client_keys
 def status(endpoint, as_json, max_age, timeout, zmq_keys):
     """Print the health of a live reader.

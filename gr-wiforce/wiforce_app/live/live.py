@@ -42,8 +42,6 @@ _LOOK_S = 0.1
 _LEAST_SEARCH_S = 2.0
 # So that a flood of requests does not delay the warnings.
 _REQUESTS_A_LOOK = 100
-# Options whose text is given to drivers, which take UTF-8.
-_DRIVERS_TAKE = ("args", "tx_args", "antenna", "tx_antenna", "reference")
 
 
 @click.command(
@@ -204,9 +202,6 @@ def live(
         kept = "all readings until then are kept" if outputs.rows else "there are no readings"
         log.error(f"{lost}; {kept}")
         return FAILED
-    except _NoFrames as error:
-        log.error(str(error))
-        return FAILED
 
 
 def _keys_of(zmq_endpoint, control, folder):
@@ -262,12 +257,12 @@ def radio_request(args, scene, tx_gain, rx_gain, **settings):
     if scene.packets:
         rule = "must have no packets: a radio gives samples, and only `read` takes packets"
         raise InputError("--scene", f"{rule} from files")
-    for name in _DRIVERS_TAKE:
-        option, text = f"--{name.replace('_', '-')}", {"args": args, **settings}[name]
+    for name, value in {"args": args, **settings}.items():
         try:
-            (text or "").encode()
-        except UnicodeEncodeError:  # Python keeps such bytes as lone surrogates
-            raise InputError(option, "must be text in UTF-8", text) from None
+            str(value).encode()  # drivers take UTF-8
+        except UnicodeEncodeError:  # Python keeps other bytes as lone surrogates
+            option = f"--{name.replace('_', '-')}"
+            raise InputError(option, "must be text in UTF-8", value) from None
     _check_transmitter(scene, settings)
     return RadioRequest.of_scene(
         scene,
@@ -359,12 +354,12 @@ def _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **o
                     if duration and session.time_s >= duration:
                         ending.request("duration")
                     elif duration and session.searched_s >= max(duration, _LEAST_SEARCH_S):
-                        raise _NoFrames(session.searched_s)
+                        found = f"no sounding frames found in {session.searched_s:.1f} s of samples"
+                        raise DeviceLost(found)
             finally:
                 service.stopping()
                 keeper.stop()
                 session.stop()
-                ending.failure = session.recording_failure
         if reader.failure is not None:
             raise reader.failure
     finally:
@@ -373,20 +368,12 @@ def _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **o
         monitor.finish()
         for each in requests:
             each.close()
-        outputs.send("end", {**health.report(), **ending.report()})
-        if ending.failure is not None:
-            log.error(f"--record: the recording is incomplete ({ending.failure.strerror})")
+        failure = session.recording_failure
+        outputs.send("end", {**health.report(), **ending.report(failure)})
+        if failure is not None:
+            log.error(f"--record: the recording is incomplete ({failure.strerror})")
     log.info(f"read {monitor.summary()}")
-    return 0 if ending.failure is None else FAILED
-
-
-class _NoFrames(Exception):
-    """Nothing was read in the duration of a run, for want of frames."""
-
-    def __init__(self, searched_s):
-        super().__init__(
-            f"no sounding frames found in {searched_s:.1f} s of samples; there are no readings"
-        )
+    return 0 if failure is None else FAILED
 
 
 class _Ending:
@@ -394,7 +381,6 @@ class _Ending:
 
     def __init__(self):
         self.requested = threading.Event()
-        self.failure = None
         self._reason = ""
 
     def request(self, reason):
@@ -402,9 +388,9 @@ class _Ending:
         self._reason = self._reason or reason
         self.requested.set()
 
-    def report(self):
-        """The end in the words of a message, with the exception that is being raised, if any."""
-        error = sys.exc_info()[1] or self.failure
+    def report(self, failure=None):
+        """The end as a message, by the exception that is being raised, or a ``failure``, if any."""
+        error = sys.exc_info()[1] or failure
         reason = self._reason if error is None else str(error) or type(error).__name__
         status = BAD_INPUT if isinstance(error, InputError) else FAILED
         return {"state": "ended", "reason": reason, "exit_status": status if error else 0}

@@ -39,7 +39,6 @@ class RadioKeeper:
         self._on_open, self._make_link, self._now = on_open, link, now
         self._link: RadioLink | None = None
         self._attached = False
-        self._found = False  # once
         self._pause_s = _SHORTEST_PAUSE_S
         self._next_s = self._running_s = self._lost_s = now()
         self._pace = WarningPace(now)
@@ -63,7 +62,7 @@ class RadioKeeper:
             self._check_samples()
         except InputError as error:
             absent = isinstance(error, DeviceAbsent)
-            self._fail(error, final=not (absent or self._found))
+            self._fail(error, final=self.state == OPENING and not absent)
         except DeviceLost as error:
             self._fail(DeviceLost(f"the device {self._request.args!r} {error}"))
         else:
@@ -89,14 +88,12 @@ class RadioKeeper:
             return
         now = self._now()
         if self.state != RUNNING:
-            if self._found:
+            if self.state == RECONNECTING:
                 log.info(
                     f"the device {self._request.args!r} is back after {now - self._lost_s:.1f} s; "
                     "readings continue, and are flagged moved until a tare"
                 )
-            self._found, self._reason = True, ""
-            self._running_s = now
-            self.state = RUNNING
+            self.state, self._reason, self._running_s = RUNNING, "", now
         elif now - self._running_s > _STEADY_S:
             self._pause_s = _SHORTEST_PAUSE_S
 

@@ -18,7 +18,7 @@ from multiprocessing.connection import Connection
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.device_lock import DeviceLock
 
-from ..shell.workers import spawned
+from ..shell.workers import end_within, spawned
 from .request import (
     LOST_STATUS,
     DeviceAbsent,
@@ -28,6 +28,7 @@ from .request import (
     shorten_pauses,
 )
 
+_STOP_S = 2.0
 _CLOSE_S = 5.0  # UHD takes 1.5 s to close a device
 
 
@@ -66,35 +67,28 @@ class RadioLink:
         """Start both streams, once the device is open."""
         self._send("start")
 
-    def poll(self, timeout_s: float = 0.0) -> None:
+    def poll(self) -> None:
         """Take what the process reports, or raise DeviceAbsent, -Busy, -Unusable or -Lost."""
-        while self._control.poll(timeout_s):
+        while self._control.poll():
             try:
                 report = self._control.recv()
             except (EOFError, OSError):
                 raise DeviceLost(self._end()) from None
             self._take(*report)
-            timeout_s = 0.0
 
-    def stop(self, timeout_s: float = 2.0) -> None:
+    def stop(self) -> None:
         """Stop both streams; the samples received so far arrive before the stream ends."""
         self._send("stop")
         with contextlib.suppress(DeviceLost, InputError):
-            while not self._stopped:
-                if not self._control.poll(timeout_s):
-                    break
+            while not self._stopped and self._control.poll(_STOP_S):
                 self.poll()
 
-    def close(self, timeout_s: float = _CLOSE_S) -> None:
+    def close(self) -> None:
         """Close the device and end the process."""
         self._control.close()
         if self._samples is not None:
             self._samples.close()
-        try:
-            self._process.wait(timeout_s)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        end_within(self._process, _CLOSE_S)
 
     def discard(self) -> None:
         """End the process without waiting for its device, which is lost."""

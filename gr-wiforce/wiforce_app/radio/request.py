@@ -101,6 +101,11 @@ class RadioRequest:
         )
 
     @property
+    def transmitter(self) -> tuple[str, str]:
+        """The option that names the device that transmits, and its arguments."""
+        return ("--args", self.args) if self.tx_args is None else ("--tx-args", self.tx_args)
+
+    @property
     def frames(self) -> dict:
         """Parameters of the blocks that make and align frames."""
         return {"waveform": self.sounding.waveform_at(self.sample_rate_hz), "item_type": "sc16"}

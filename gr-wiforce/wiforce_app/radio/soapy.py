@@ -36,40 +36,42 @@ class SoapyRadio(Radio):
     def _open(self, request):
         soapy, library = _libraries()
         _keep_standard_error()
-        self._opened = []
-        transmits = not request.receive_only
-        args = _arguments("--args", request.args)
+        self._opened, args = [], request.args
+        for given in (("--args", args), request.transmitter):
+            _check_arguments(*given)
         device = self._device(library, "--args", args)
         with self._asking("--args", args):
             _check_receiver(library, device, args, request.antennas)
-        receiver = _block(soapy.source, "--args", args, request.antennas)
+        receiver = self._end(soapy.source, "--args", args, request.antennas)
         transmitter = None
-        if transmits:
-            option, other = "--args", args
-            if request.tx_args is not None:
-                option, other = "--tx-args", _arguments("--tx-args", request.tx_args)
+        if not request.receive_only:
+            option, other = request.transmitter
             other_device = self._device(library, option, other)
             with self._asking(option, other):
                 _check_transmitter(library, other_device, option, other, other == args)
-            transmitter = self._end(option, other, _block(soapy.sink, option, other))
-        self._clocks = [receiver]
+            transmitter = self._end(soapy.sink, option, other)
+        self._clocks = [receiver.block]
         if request.tx_args is not None:
             self._clocks.append(transmitter.block)
         with self._asking("--args", args):
-            self.has_time = receiver.has_hardware_time("")
+            self.has_time = receiver.block.has_hardware_time("")
             if self.has_time:
-                receiver.get_hardware_time("")
+                receiver.block.get_hardware_time("")
             info = dict(device.getHardwareInfo())
             kind = f"{device.getHardwareKey()} (driver {device.getDriverKey()})"
         serials = sorted(key for key in info if key.lower().endswith("serial"))
         self.serial = _text(info[serials[0]]) if serials else ""
         self.hardware = ", ".join(text for text in (_text(kind), self.serial) if text)
-        return self._end("--args", args, receiver, request.antennas), transmitter
+        return receiver, transmitter
 
     def _asking(self, option, args):
         return self.applying(option, args, rule="must name a device that states what it can do")
 
-    def _end(self, option, args, block, channels=1):
+    def _end(self, kind, option, args, channels=1):
+        try:
+            block = kind(args, "sc16", channels, "", "", [""], [""])
+        except _DRIVER_ERRORS as error:
+            raise DeviceAbsent(option, _absent(error), args) from error
         rule = "must name a device whose automatic gain control can be switched off"
         with self.applying(option, args, rule=rule):
             return _SoapyEnd(block, channels)
@@ -170,13 +172,12 @@ def _keep_standard_error():
     sys.stderr = open(kept, "w", encoding="utf-8")
 
 
-def _arguments(option, args):
-    """The arguments, which must name a module."""
+def _check_arguments(option, args):
+    """Refuse arguments that name no module."""
     pairs = (pair.partition("=") for pair in args.split(","))
     if not {key.strip(): value.strip() for key, _, value in pairs}.get("driver"):
         rule = "must name the SoapySDR module, as driver=lime (`SoapySDRUtil --find` lists devices)"
         raise InputError(option, rule, args)
-    return args
 
 
 def _check_receiver(library, device, args, antennas):
@@ -192,13 +193,6 @@ def _check_transmitter(library, device, option, args, receives):
     if receives and not device.getFullDuplex(library.SOAPY_SDR_TX, 0):
         rule = "must name a full-duplex device: this one transmits or receives, but not both"
         raise InputError(option, f"{rule} at once", args)
-
-
-def _block(kind, option, args, channels=1):
-    try:
-        return kind(args, "sc16", channels, "", "", [""], [""])
-    except _DRIVER_ERRORS as error:
-        raise DeviceAbsent(option, _absent(error), args) from error
 
 
 def _absent(error):

@@ -130,8 +130,8 @@ class RadioStreams:
         radio.source.set_min_output_buffer(_BUFFER_SAMPLES)
         self._start_s, self._frames = [0.0], None
         if radio.sink is not None:
-            source = self._transmitted = self._source_of(radio, request)
-            self._transmission.connect(source, radio.sink)
+            self._frames = self._source_of(radio, request)
+            self._transmission.connect(self._frames, radio.sink)
         self._alignment = None
         # Whether the samples begin with a frame. Those of a free transmitter the reader follows.
         self.aligned = request.aligned and not radio.starts_together and antennas == 1
@@ -152,17 +152,17 @@ class RadioStreams:
             return wiforce.sounding_source(amplitude=request.amplitude, **request.frames)
         start_s, frames = self._start_s, request.frames
         # It must not refer to the streams: they would not be freed, nor the device closed.
-        self._frames = timed_frames(
+        return timed_frames(
             lambda: (math.floor(start_s[0]), start_s[0] % 1.0),
             partial(device_time_of, radio.source),
             frame_samples(frames["waveform"].frame(), request.amplitude, frames["item_type"]),
             request.sample_rate_hz,
         )
-        return self._frames
 
     def take_underflow_s(self) -> float:
         """Seconds in which nothing was transmitted, since the last call."""
-        before, self._reported_s = self._reported_s, self._frames.skipped_s if self._frames else 0.0
+        # Frames without times are sent whenever the device takes them.
+        before, self._reported_s = self._reported_s, getattr(self._frames, "skipped_s", 0.0)
         return max(self._reported_s - before, 0.0)
 
     def clock(self) -> tuple[float, float] | None:
@@ -180,9 +180,7 @@ class RadioStreams:
         """
         request = self._request
         if self._transmission is not self._reception and self._radio.sink is not None:
-            own = request.tx_args is not None
-            option, args = ("--tx-args", request.tx_args) if own else ("--args", request.args)
-            start_flowgraph(self._transmission, stopped, option, args)
+            start_flowgraph(self._transmission, stopped, *request.transmitter)
             if not self._passes(_TRANSMIT_AHEAD_S, stopped):
                 return
         for lead_s in _START_LEADS_S:

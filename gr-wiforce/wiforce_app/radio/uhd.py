@@ -20,9 +20,7 @@ class UhdRadio(Radio):
         receiver = _UhdEnd(_block(uhd.usrp_source, "--args", request.args, request.antennas))
         transmitter = None
         if not request.receive_only:
-            option = "--args" if request.tx_args is None else "--tx-args"
-            args = request.args if request.tx_args is None else request.tx_args
-            transmitter = _UhdEnd(_block(uhd.usrp_sink, option, args))
+            transmitter = _UhdEnd(_block(uhd.usrp_sink, *request.transmitter))
         self._apart = request.tx_args is not None
         self.starts_together = not self._apart and not request.receive_only
         info = receiver.block.get_usrp_info()

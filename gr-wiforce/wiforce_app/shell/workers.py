@@ -36,6 +36,15 @@ def spawned(module: str, *descriptors: int) -> subprocess.Popen[bytes]:
     )
 
 
+def end_within(process: subprocess.Popen[bytes], limit_s: float) -> None:
+    """Wait for a process to end, and kill it after a time."""
+    try:
+        process.wait(limit_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What became of a task: what the function returned, or why there is no result."""

@@ -7,7 +7,6 @@ import os
 import shutil
 import signal
 import socket
-import subprocess
 import sys
 import tempfile
 import time
@@ -18,7 +17,7 @@ from typing import Any
 from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher
 from gnuradio.wiforce.io.outputs import Output
 
-from ..shell.workers import spawned
+from ..shell.workers import end_within, spawned
 from .address import OPTION, PageAddress
 from .sources import ZmqSource
 
@@ -67,11 +66,7 @@ class LivePage(Output):
     def close(self) -> None:
         """End the process, after viewers have received the end of the run."""
         self._run.close()
-        try:
-            self._process.wait(_CLOSE_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        end_within(self._process, _CLOSE_S)
         self._publisher.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 

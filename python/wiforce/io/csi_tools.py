@@ -288,16 +288,13 @@ def open_csi(
     second ESP32 on the same crystal, the second antenna.
     """
     path = Path(path)
-    if tool is not None:
-        check_tool(tool, mac, second)
     for each in (path, *([Path(second)] if second else [])):
         if not each.is_file():
             raise InputError(each, "is not a file, or does not exist")
+    tool = tool_of(path) if tool is None else tool
     if tool is None:
-        tool = tool_of(path)
-        if tool is None:
-            raise InputError(path, "is no file of a CSI tool that is known; name it by --csi-tool")
-        check_tool(tool, mac, second)
+        raise InputError(path, "is no file of a CSI tool that is known; name it by --csi-tool")
+    check_tool(tool, mac, second)
     if tool == "esp32":
         return _open_esp32(path, mac, None if second is None else Path(second))
     check_installed(path, ["csiread"])

@@ -40,11 +40,6 @@ class Flag(enum.Flag):
         """The word of a single flag in files of readings."""
         return str(self.name).lower().replace("_", "-")
 
-    @property
-    def words(self) -> tuple[str, ...]:
-        """The word of every flag that is set, in the order of the members."""
-        return flag_words(self.value)
-
 
 @cache
 def flag_words(bits: int) -> tuple[str, ...]:

@@ -237,9 +237,8 @@ def built(
 def _sensor_state(health: Mapping[str, Any]) -> tuple[int, str]:
     if not health["received"]:
         return _ERROR, "not received"
-    return (
-        (_WARN, health["reference_problem"]) if health["reference_problem"] else (_OK, "received")
-    )
+    problem = health["reference_problem"]
+    return (_WARN, problem) if problem else (_OK, "received")
 
 
 def _status(

@@ -207,7 +207,7 @@ def _read_one(
     frame = frame.astype(dict.fromkeys(("touch", *NUMBERS, *also), float))
     # For `plot`, whose location axis shows whole sensors.
     frame.attrs["length_mm"] = max(each.model.length_mm for each in reader.plan.sensors)
-    return frame.assign(ok=frame["flags"].isin(["", Flag.REFERENCE.words[0]]))
+    return frame.assign(ok=frame["flags"].isin(["", Flag.REFERENCE.word]))
 
 
 def plan_for_capture(

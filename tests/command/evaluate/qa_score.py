@@ -153,6 +153,7 @@ def test_presses_that_repeat_are_ambiguous_unless_their_forces_differ(forces_n):
             "must agree with the readings: the correlation is",
         ),
         ([0.0, 1e9], [0.0, 5.0], "must span at most 360000 s"),
+        ([0.0, 9e4, 2e5], [0.0, 2.0, 1.0], "must hold several values while the readings last"),
         # It ends before a press begins.
         ([0.0, 0.04, 0.08, 0.12], [0.0, 0.0, 0.0, 0.0], "must agree with the readings"),
         # Few slow values can resemble a press by chance.
@@ -171,6 +172,8 @@ FILES = {
     "Timestamp\tChannel\tFz (mN)\n1\ta\t1000\n2\ta\t2000\n": ([1, 2], [1, 2]),
     "time,force\n2026-01-01T00:00:00Z,1\n2026-01-01T00:00:01.5Z,3\n": ([0, 1.5], [1, 3]),
     "t,force,comment\n0,1,\n0,2,\n1,3,released\n2,,\n": ([0, 1], [2, 3]),
+    # Loggers write rows that end in a separator, whose times were taken for forces.
+    "Time (h);Force (N)\n0;5;\n1;7;\n": ([0, 3600], [5, 7]),
 }
 
 
@@ -190,6 +193,13 @@ BAD = {
     "time,force (psi)\n0,1\n1,1\n": "names an unknown unit of force; state it with --unit",
     "force\n0\n": "must have columns of times and forces",
     "": "is not a CSV file",
+    "time_s,force_n\n": "must hold two forces or more",
+    "time_s,force_n\n1,0\n1,2\n": "time_s must increase",
+    "time_s,force_n\n0,0\n1,1e308\n2,-1e308\n": "row 3: force_n must be below 1e+12 N",
+    "Time (days),Force\n0,0\n1,2\n": "Time (days): names an unknown unit of time",
+    "time_s,force_n\n0,True\n1,False\n": "row 2: force_n must be a finite number",
+    "time_s,force_n\n0,5,1,2\n1,5,2,2\n": "must not have more fields than there are columns",
+    "t,force\n0,1\n1,\n2,1\n1,2\n": "row 5: t must not decrease",
 }
 
 

@@ -65,20 +65,16 @@ def test_readme_lines_replace_the_file_by_a_radio(device, scene):
 @contextmanager
 def running(*words, **options):
     """A program that ends when its input does; what it prints goes to ``lines``."""
-    process = subprocess.Popen(
-        [sys.executable, *map(str, words)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        **options,
-    )
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    process = subprocess.Popen([sys.executable, *map(str, words)], **pipes | options)
     process.lines = []
     reading = threading.Thread(target=lambda: process.lines.extend(process.stdout))
     reading.start()
     try:
         yield process
-        with suppress(BrokenPipeError):  # ended before
-            process.stdin.close()
+        if process.stdin is not None:
+            with suppress(BrokenPipeError):  # ended before
+                process.stdin.close()
         assert process.wait(timeout=300) == 0, process.lines
     finally:
         process.kill()
@@ -125,20 +121,15 @@ def test_example_ended_by_ctrl_c_or_without_input_leaves_no_traceback(device, sc
     command = [EXAMPLES / "headless/record_uhd.py", args_of(device), scene, tmp_path / "run"]
     for number in (None, signal.SIGINT, signal.SIGTERM):
         source = subprocess.DEVNULL if number is None else subprocess.PIPE
-        process = subprocess.Popen(
-            [sys.executable, "-u", *map(str, command)],
-            stdin=source,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        with process:
+        with running("-u", *command, stdin=source, stderr=subprocess.STDOUT) as process:
             if number is not None:
-                while "to end" not in process.stdout.readline():
-                    pass
+                wait_until(
+                    lambda lines=process.lines: any("to end" in line for line in lines),
+                    process=process,
+                )
                 process.send_signal(number)
-            assert process.wait(timeout=300) == 0
-            assert "Traceback" not in process.stderr.read()
+            process.wait(timeout=300)
+        assert "Traceback" not in "".join(process.lines)
         left = sorted(path.suffix for path in tmp_path.iterdir())
         assert left in ([], [".sigmf-data", ".sigmf-meta"])
         for path in tmp_path.iterdir():

@@ -22,6 +22,25 @@ def test_live_and_check_without_device_name_alternatives(name):
     assert all(word in said for word in ("addr=127.0.0.254", "emulate", "read"))
 
 
+NEEDS = "needs reader_clock: free and receive_antennas: 2 under environment in the scene"
+NO_TEXT = "must be text in UTF-8, got '"
+
+
+@pytest.mark.parametrize(
+    ("words", "rule"),
+    [
+        (["--receive-only"], f"--receive-only: {NEEDS}"),
+        (["--tx-args", "x"], f"--tx-args: {NEEDS}, or one clock for both devices (--reference ext"),
+        (["--tx-args", "x", "--receive-only"], "--receive-only: must be given without --tx-args"),
+        (["--args", "driver=\udcff"], f"--args: {NO_TEXT}"),
+        (["--antenna", "\udcff"], f"--antenna: {NO_TEXT}"),
+        (["--tx-args", "driver=\udcfe"], f"--tx-args: {NO_TEXT}"),
+    ],
+)
+def test_live_options_that_no_radio_can_follow_are_refused(words, rule):
+    assert rule in refused("live", "--scene", "demo", "--args", "addr=1", *words)
+
+
 def test_settings_that_a_usrp_does_not_have_are_refused(software_usrp):
     args = software_usrp("--air", "cable").args
     for rate_hz, settings, rule in (
@@ -48,6 +67,8 @@ def test_live_outputs_that_cannot_be_opened_keep_what_is_there(tmp_path):
             (["-o", pipe, "-o", kept[1], "--zmq", port], ["--zmq", "in use"]),
             (["-o", pipe, "-o", tmp_path / "out.txt"], ["out.txt", ".csv"]),
             (["-o", kept[1], "--control", port], ["--control", "in use"]),
+            (["-o", kept[1], "--foxglove", port], ["--foxglove: cannot be bound", "in use"]),
+            (["-o", kept[1], "--web", port], ["--web: cannot be opened (Address already in use)"]),
             (["--zmq", "ipc://x"], ["--zmq"]),
         ):
             said = refused("live", "--scene", "demo", "--args", "addr=127.0.0.254", *options)

@@ -27,7 +27,6 @@ class Run:
         self.stream = SimpleNamespace(
             state="reading",
             tares=tares,
-            survey=None,
             reference_problem=lambda name: self.problem,
             suspicions=lambda: {"arm": self.suspicions},
             plan=SimpleNamespace(
@@ -35,7 +34,6 @@ class Run:
                 group_period_s=0.05,
                 sensors=[sensor],
                 skin=None,
-                others=(),
                 require_scene=lambda: SimpleNamespace(path=Path("arm_scene.yaml")),
             ),
         )

@@ -7,6 +7,7 @@ import sys
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from gnuradio.wiforce.blocks.frame_alignment import FrameSearch
 from gnuradio.wiforce.errors import OutputError
 from gnuradio.wiforce.io.readings import GroupCounts
@@ -19,104 +20,110 @@ from wiforce_app.live.live import _Ending
 from wiforce_app.live.session import LiveSession
 from wiforce_app.radio.request import RadioRequest
 
-
-def session_in_words():
-    """What a monitor asks of a session."""
-    counts = ("gaps", "samples_lost", "frames_moved", "times_ignored")
-    return SimpleNamespace(
-        fold=SimpleNamespace(**{name: lambda: 0 for name in counts}),
-        time_s=1.0,
-        recording_failure=None,
-        alignment=SimpleNamespace(searches=0, offset=0),
-        start_s=None,
-        reader=SimpleNamespace(counts=GroupCounts(), findings=None, groups=SimpleNamespace()),
-        clock_offsets_ppm={},
-    )
-
-
 SILENCES = {"leg": "leg is not received"}
 HEALTH = SimpleNamespace(state=("waiting", ""), report=dict, silences=SILENCES)
 
 
-def test_session_monitor_timing_shift_warns_of_times_and_claims_no_loss(capsys):
-    now = [0.0]
-    session = session_in_words()
-    monitor = session_monitor.SessionMonitor(session, HEALTH, now=lambda: now[0])
+class Watched:
+    """A monitor with a clock of its own, and the session of which a test says what it counts."""
+
+    def __init__(self, capsys):
+        counts = ("gaps", "samples_lost", "frames_moved", "times_ignored")
+        self.session = SimpleNamespace(
+            fold=SimpleNamespace(**{name: lambda: 0 for name in counts}),
+            time_s=1.0,
+            recording_failure=None,
+            alignment=SimpleNamespace(searches=0, offset=0),
+            start_s=None,
+            reader=SimpleNamespace(counts=GroupCounts(), findings=None, groups=SimpleNamespace()),
+            clock_offsets_ppm={},
+        )
+        self._capsys, self._now_s = capsys, 0.0
+        self.monitor = session_monitor.SessionMonitor(self.session, HEALTH, now=lambda: self._now_s)
+
+    def count(self, **counts):
+        """Let the session have counted so much."""
+        for name, count in counts.items():
+            setattr(self.session.fold, name, lambda count=count: count)
+
+    def said(self):
+        """Lines since the last call."""
+        return self._capsys.readouterr().err.splitlines()
+
+    def look(self):
+        """Lines of a look at the session that comes when warnings are due again."""
+        self._now_s += 1.1
+        self.monitor.look()
+        return self.said()
+
+
+@pytest.fixture
+def watched(capsys):
+    return Watched(capsys)
+
+
+def test_session_monitor_timing_shift_warns_of_times_and_claims_no_loss(watched):
     cases = (
         (1, 0, ["frame timing shifted once; times may be off by a multiple of the frame length"]),
         (3, 1, ["frame timing shifted 2 times; times", "ignored 1 implausible rx_time tag"]),
         (3, 1, []),
     )
     for moved, ignored, warned in cases:
-        now[0] += 1.1
-        session.fold.frames_moved = lambda moved=moved: moved
-        session.fold.times_ignored = lambda ignored=ignored: ignored
-        monitor.look()
-        lines = capsys.readouterr().err.splitlines()
-        assert len(lines) == len(warned)
+        watched.count(frames_moved=moved, times_ignored=ignored)
+        lines = watched.look()
         assert all(words in line for words, line in zip(warned, lines, strict=True))
         assert not any("lost" in line for line in lines)
-    assert "frame timing shifted 3 times" in monitor.summary()
-    assert "\n" not in monitor.summary() and "lost" not in monitor.summary()
-    status = monitor.status()
+    summary, status = watched.monitor.summary(), watched.monitor.status()
+    assert "frame timing shifted 3 times" in summary
+    assert "\n" not in summary and "lost" not in summary
     assert (status["frames_moved"], status["times_ignored"]) == (3, 1)
 
 
-def test_session_monitor_warns_at_the_end_of_what_the_last_warnings_did_not_know(capsys):
-    session = session_in_words()
-    monitor = session_monitor.SessionMonitor(session, HEALTH, now=lambda: 0.0)
-    session.reader.groups.on_warning("reader: arm: all readings are weak")
-    session.reader.groups.on_warning("reader: leg is not received")  # said by another already
-    monitor.look()
-    assert not capsys.readouterr().err
-    monitor.finish()
-    assert capsys.readouterr().err == "gr-wiforce: warning: reader: arm: all readings are weak\n"
-    session.time_s = 0.0
-    session.reader.groups.on_warning("reader: the stream has ended")
-    monitor.finish()
-    assert not capsys.readouterr().err
+def test_session_monitor_warns_at_the_end_of_what_the_last_warnings_did_not_know(watched):
+    warn = watched.session.reader.groups.on_warning
+    warn("reader: arm: all readings are weak")
+    warn("reader: leg is not received")  # said by another already
+    watched.monitor.look()
+    assert not watched.said()
+    watched.monitor.finish()
+    assert watched.said() == ["gr-wiforce: warning: reader: arm: all readings are weak"]
+    watched.session.time_s = 0.0
+    warn("reader: the stream has ended")
+    watched.monitor.finish()
+    assert not watched.said()
 
 
-def test_session_monitor_says_once_why_there_are_no_frames(capsys):
+def test_session_monitor_says_once_why_there_are_no_frames(watched):
     """A wrong sample rate was blamed on the antennas."""
-    session, now = session_in_words(), [0.0]
-    monitor = session_monitor.SessionMonitor(session, HEALTH, now=lambda: now[0])
-    session.alignment = FrameSearch(sounding_waveform(), search_frames=8)
+    search = watched.session.alignment = FrameSearch(sounding_waveform(), search_frames=8)
+    lines = []
     for _ in range(20):
-        now[0] += 1.1
-        session.alignment.take(np.zeros((session.alignment.wanted, 2), np.int16), [])
-        monitor.look()
-    (line,) = capsys.readouterr().err.splitlines()
+        search.take(np.zeros((search.wanted, 2), np.int16), [])
+        lines += watched.look()
+    (line,) = lines
     assert "no sounding frames found: all samples are 0" in line and "--rx-gain" in line
 
 
-def test_session_monitor_many_gaps_advises_larger_socket_buffers(capsys):
-    now = [0.0]
-    session = session_in_words()
-    monitor = session_monitor.SessionMonitor(session, HEALTH, now=lambda: now[0])
+def test_session_monitor_many_gaps_advises_larger_socket_buffers(watched):
     for gaps, lost, warned in ((1, 100, False), (7, 600, True)):
-        now[0] += 1.1
-        session.fold.gaps = lambda gaps=gaps: gaps
-        session.fold.samples_lost = lambda gaps=gaps: 100 * gaps
-        monitor.look()
-        said = capsys.readouterr().err
-        assert said.count("\n") == 1 and f"{lost} samples lost" in said
-        assert ("net.core.rmem_max" in said) is warned
+        watched.count(gaps=gaps, samples_lost=100 * gaps)
+        (line,) = watched.look()
+        assert f"{lost} samples lost" in line and ("net.core.rmem_max" in line) is warned
 
 
-def test_session_monitor_reports_what_the_survey_of_the_room_finds_once(capsys):
+def test_session_monitor_reports_what_the_survey_of_the_room_finds_once(watched):
     """An unlisted tag would stay unsaid."""
-    session, now = session_in_words(), [0.0]
-    monitor = session_monitor.SessionMonitor(session, HEALTH, now=lambda: now[0])
-    assert monitor.status()["room"] is None
+    assert watched.monitor.status()["room"] is None
+    lines = []
     for frequency_hz in (670.1, 670.2):
-        now[0] += 1.1
-        found = [Finding("tag", frequency_hz, -5.0, "a tag", "solved for", True)]
-        session.reader.findings = found + [Finding("line", 90.0, -30.0, "", "none", False)]
-        monitor.look()
-    (line,) = capsys.readouterr().err.splitlines()
+        watched.session.reader.findings = [
+            Finding("tag", frequency_hz, -5.0, "a tag", "solved for", True),
+            Finding("line", 90.0, -30.0, "", "none", False),
+        ]
+        lines += watched.look()
+    (line,) = lines
     assert line.startswith("gr-wiforce: room: tag with a clock of 670")
-    assert [each["frequency_hz"] for each in monitor.status()["room"]] == [670.2, 90.0]
+    assert [each["frequency_hz"] for each in watched.monitor.status()["room"]] == [670.2, 90.0]
 
 
 def test_symbol_from_a_file_is_part_of_the_request(tmp_path):

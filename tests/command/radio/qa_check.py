@@ -5,19 +5,20 @@ import json
 
 import numpy as np
 import pytest
+from command_runs import succeeded
 from gnuradio.wiforce.blocks.usrp import first_gain_db
 from gnuradio.wiforce.planning.findings import MeasuredTag
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
-from live_runs import FRAMES, GAINS, command
+from live_runs import FRAMES, GAINS
 from wiforce_app.plan.check import Findings, advice_on
 
 
 def test_check_measures_levels_delay_and_clock(slow_scene, slow_device):
     check = ["check", "--scene", slow_scene, "--args", f"{slow_device.args},{FRAMES}", "--json"]
-    status, out, said = command(*check, *GAINS)
-    assert (status, said) == (0, ""), said
-    found = json.loads(out)
+    done = succeeded(*check, *GAINS)
+    assert not done.stderr
+    found = json.loads(done.stdout)
     # A scene on the air: peak 3 dB below full scale, noise by snr_db, 5.12 us of delay.
     channel = AirChannel(load_scene(slow_scene))
     assert found["levels"]["peak_dbfs"] == pytest.approx(-3, abs=1)

@@ -7,7 +7,6 @@ import os
 import signal
 import time
 from datetime import datetime
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,14 +18,7 @@ from live_runs import (
     streaming_s,
     wait_until,
 )
-
-
-def children(process):
-    """Processes that a process has started."""
-    return [
-        int(text)
-        for text in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-    ]
+from machine import children
 
 
 def check_times(rows, losses):
@@ -38,6 +30,13 @@ def check_times(rows, losses):
     first = int(np.argmax(absent))
     assert not [row for row in rows[first:] if not {"gap", "moved"} & set(row["flags"].split())]
     assert not [row for row in rows[: first - 1] if "moved" in row["flags"]]
+
+
+def killed_and_started_again(software_usrp, device, scene):
+    """Another device at the address of one that is killed while it sends."""
+    device.process.kill()
+    device.process.wait()
+    return software_usrp(scene, address=device.address)
 
 
 def test_live_waits_for_its_device_and_finds_one_started_again_whose_clock_does_not_matter(
@@ -56,10 +55,8 @@ def test_live_waits_for_its_device_and_finds_one_started_again_whose_clock_does_
         moments_s = [time.time()]
         first = software_usrp(slow_scene, address=device.address)
         wait_until(lambda: streaming_s(first) > 0.8)
-        first.process.kill()
-        first.process.wait()
         moments_s.append(time.time())
-        second = software_usrp(slow_scene, address=device.address)
+        second = killed_and_started_again(software_usrp, first, slow_scene)
         wait_until(lambda: streaming_s(second) > 1.0)
         process.send_signal(signal.SIGINT)
         moments_s.append(time.time())
@@ -75,6 +72,29 @@ def test_live_waits_for_its_device_and_finds_one_started_again_whose_clock_does_
     ]
     begun_s, lost_s, ended_s = moments_s
     assert begun_s < firsts_s[0] < lost_s < firsts_s[1] < ended_s
+
+
+@pytest.mark.long
+def test_soapy_device_lost_is_opened_again_on_the_frames_that_it_had(
+    software_usrp, slow_scene, tmp_path
+):
+    """Its streams start apart, so that the frames come at another sample each time."""
+    first, output = software_usrp(slow_scene), tmp_path / "out.csv"
+    options = ["--driver", "soapy", *GAINS, "--reconnect", "-o", output]
+    with live(f"driver=uhd,{first.args}", slow_scene, *options) as process:
+        wait_until(lambda: streaming_s(first) > 0.9)
+        second = killed_and_started_again(software_usrp, first, slow_scene)
+        wait_until(lambda: streaming_s(second) > 1.4)
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=300)
+    assert process.returncode == 0 and "terminate" not in said
+    assert "is back after" in said and "frame timing" not in said
+    rows = rows_of(output)
+    check_times(rows, 1)
+    # The tag is received again, as well as before.
+    snr_db = np.array([float(row["snr_db"] or "nan") for row in rows])
+    lost = next(n for n, row in enumerate(rows) if row["flags"] == "gap")
+    assert np.nanmean(snr_db[-5:]) == pytest.approx(np.nanmean(snr_db[:lost]), abs=1)
 
 
 @pytest.mark.long

@@ -4,7 +4,9 @@
 import os
 import subprocess
 import sys
+from itertools import pairwise
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 from gnuradio.wiforce.errors import InputError
@@ -19,15 +21,6 @@ GAIN = InputError("--rx-gain", "must be 0 to 38 dB with this device", 99)
 LOST = DeviceLost("does not answer any more")
 
 
-class _Recorded(RadioKeeper):
-    """Keeps its states."""
-
-    def __setattr__(self, name, value):
-        if name == "state":
-            self.__dict__.setdefault("states", []).append(value)
-        super().__setattr__(name, value)
-
-
 class Bench:
     """A keeper whose devices do what is on a list, one entry for each time it opens one.
 
@@ -40,17 +33,14 @@ class Bench:
         self.session = SimpleNamespace(
             attach=lambda link: None, next_request=lambda request: request, silent_s=0.0
         )
-        self.keeper = _Recorded(
+        self.states = []  # behind opening
+        self.keeper = RadioKeeper(
             SimpleNamespace(args="addr=1"),
             self.session,
             reconnect,
             link=self._link,
             now=lambda: self.now_s,
         )
-
-    @property
-    def states(self):
-        return self.keeper.states[1:]  # behind opening
 
     def _link(self, request):
         fate = self.fates.pop(0) if self.fates else ABSENT
@@ -63,25 +53,19 @@ class Bench:
             if self.now_s - began_s > fate:
                 raise LOST
 
-        def nothing():
-            pass
-
-        return SimpleNamespace(
-            poll=poll, opened=True, started=True, start=nothing, stop=nothing, close=nothing,
-            discard=nothing, unlocked=[], underflows_s=self.underflows_s,
-        )  # fmt: skip
+        return Mock(poll=poll, opened=True, started=True, underflows_s=self.underflows_s)
 
     def run(self, seconds):
         for _ in range(round(10 * seconds)):
             self.now_s = round(self.now_s + 0.1, 1)
+            before = self.keeper.state
             self.keeper.look()
+            if self.keeper.state != before:
+                self.states.append(self.keeper.state)
 
     @property
     def pauses_s(self):
-        return [
-            round(after - before, 1)
-            for before, after in zip(self.opened_s, self.opened_s[1:], strict=False)
-        ]
+        return [round(after - before, 1) for before, after in pairwise(self.opened_s)]
 
 
 def test_keeper_absent_device_is_sought_ever_less_often(capsys):
@@ -112,10 +96,18 @@ def test_keeper_device_lost_again_at_once_is_not_hammered():
     assert max(steady.pauses_s) < 16.5  # a device that has run for a while is reopened soon
 
 
-@pytest.mark.parametrize("error", [BUSY, GAIN])
-def test_keeper_settings_and_busy_devices_at_the_start_are_refused(error):
-    with pytest.raises(type(error)):
-        Bench(error).run(10)
+@pytest.mark.parametrize(
+    ("fate", "reconnect", "error"),
+    [
+        (BUSY, True, DeviceBusy),
+        (GAIN, True, InputError),
+        (ABSENT, False, DeviceAbsent),
+        (3.0, False, DeviceLost),
+    ],
+)
+def test_keeper_ends_with_what_no_waiting_mends(fate, reconnect, error):
+    with pytest.raises(error):
+        Bench(fate, reconnect=reconnect).run(10)
 
 
 @pytest.mark.parametrize("error", [BUSY, GAIN])
@@ -124,12 +116,6 @@ def test_keeper_found_once_goes_on_whatever_comes_back(error):
     bench = Bench(12.0, error, error, 60.0)
     bench.run(30)
     assert bench.keeper.state == "running" and len(bench.opened_s) == 4
-
-
-@pytest.mark.parametrize("fate", [ABSENT, 3.0])
-def test_keeper_without_reconnect_ends(fate):
-    with pytest.raises((DeviceAbsent, DeviceLost)):
-        Bench(fate, reconnect=False).run(10)
 
 
 def test_keeper_silent_driver_is_given_up():

@@ -4,10 +4,8 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
-from command_runs import refused
 from gnuradio.wiforce.io.network.device_lock import DeviceLock
 from live_runs import SLOW, run_session, scene_file
 from wiforce_app.live import live
@@ -15,7 +13,7 @@ from wiforce_app.main import main
 from wiforce_app.radio.request import DeviceLost
 from wiforce_app.radio.soapy import _text
 
-MODULE = Path(__file__).parents[3] / "build" / "tests" / "libsoapy_player.so"
+pytestmark = pytest.mark.usefixtures("soapy_player")
 RATE, CARRIER = "radio.sample_rate_hz: ", "radio.center_frequency_hz: "
 
 # What the driver does, what is asked of it besides, and what is said of it.
@@ -63,13 +61,6 @@ os._exit(0)
 """
 
 
-@pytest.fixture(autouse=True)
-def module(monkeypatch):
-    if not MODULE.exists():
-        pytest.skip("not built: libsoapysdr-dev was missing")
-    monkeypatch.setenv("SOAPY_SDR_PLUGIN_PATH", str(MODULE.parent))
-
-
 @pytest.fixture
 def scene(tmp_path):
     radio = SLOW["radio"] | {"center_frequency_hz": 900e6}
@@ -113,17 +104,6 @@ def test_live_lost_device_promises_only_readings_that_exist(scene, monkeypatch, 
     assert main(["live", "--scene", str(scene), "--args", "addr=1"]) == 1
     end = "all readings until then are kept" if readings else "there are no readings"
     assert capsys.readouterr().err == f"gr-wiforce: the device is lost; {end}\n"
-
-
-@pytest.mark.parametrize(
-    ("option", "text"),
-    [("--args", "driver=\udcff"), ("--antenna", "\udcff"), ("--tx-args", "driver=\udcfe")],
-)
-def test_live_text_for_a_driver_that_is_no_utf8_is_refused(scene, option, text):
-    options = {"--args": "driver=player", option: text}
-    words = [word for pair in options.items() for word in pair]
-    said = refused("live", "--scene", str(scene), "--driver", "soapy", *words)
-    assert f"{option}: must be text in UTF-8, got '" in said
 
 
 def test_device_lock_takes_bytes_that_are_no_text():

@@ -2,11 +2,9 @@
 """Radios that lack what a USRP has: times, full duplex, reports of losses (soapy_player.cc)."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
-from command_runs import refused
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
@@ -14,7 +12,7 @@ from live_runs import SLOW, SLOW_GROUP_S, rows_of, run_session, scene_of
 from wiforce_app.radio import soapy
 
 RATE, FRAME = SLOW["radio"]["sample_rate_hz"], SLOW["sounding"]["frame_length"]
-MODULE = Path(__file__).parents[3] / "build" / "tests" / "libsoapy_player.so"
+pytestmark = pytest.mark.usefixtures("soapy_player")
 FORCE_N, LOCATION_MM = 4.0, 45.0
 PRESS_S = 0.6, 1.6  # with the rise and the fall
 DURATION_S = 2.1
@@ -43,13 +41,6 @@ def played(tmp_path_factory):
     codes = np.fromfile(folder / "press.sigmf-data", "<i2")
     codes[2 * 137 :].tofile(folder / "played.ci16")
     return scene, folder / "played.ci16"
-
-
-@pytest.fixture(autouse=True)
-def module(monkeypatch):
-    if not MODULE.exists():
-        pytest.skip("not built: libsoapysdr-dev was missing")
-    monkeypatch.setenv("SOAPY_SDR_PLUGIN_PATH", str(MODULE.parent))
 
 
 def start(scene, file, arguments, *options):
@@ -171,19 +162,6 @@ def test_soapy_free_running_transmitter_is_read_with_two_antennas(tmp_path, long
     assert sizes[0] == sizes[1] > 4 * 1.5 * RATE
 
 
-def test_live_transmitter_of_its_own_needs_two_antennas_and_says_so(played):
-    scene, file = played
-    needs = "reader_clock: free and receive_antennas: 2"
-    cases = [
-        (["--receive-only"], ["--receive-only", needs]),
-        (["--tx-args", "driver=player"], ["--tx-args", needs, "--reference external"]),
-        (["--tx-args", "driver=player", "--receive-only"], ["--receive-only", "without --tx-args"]),
-    ]
-    for words, expected in cases:
-        said = refused("live", *start(scene, file, "time=0", *words))
-        assert all(word in said for word in expected)
-
-
 def test_soapy_arguments_without_a_module_are_refused():
     with pytest.raises(InputError, match="^--args: must name the SoapySDR module, as driver=lime"):
-        soapy._arguments("--args", "addr=127.0.0.254")
+        soapy._check_arguments("--args", "addr=127.0.0.254")

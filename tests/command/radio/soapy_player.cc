@@ -12,7 +12,6 @@
  *   drops=A:N;B:M    N samples before sample A of the file are lost, and so on, without
  *                    a report
  *   overflow=A:N     the same, and the driver reports an overflow
- *   ends=A           nothing is received from sample A on
  *   throws=CALL:KIND an exception in this call: duplex, agc, rate, frequency, gain,
  *                    antenna, time; KIND is invalid or range, and std::runtime_error
  *                    without it
@@ -74,8 +73,7 @@ public:
           d_overflows(losses_of(value(args, "overflow", ""))),
           d_has_bytes(value(args, "bytes", "0") == "1"),
           d_throws(value(args, "throws", "")),
-          d_nan(value(args, "nan", "")),
-          d_end(std::stoul(value(args, "ends", "1000000000000")))
+          d_nan(value(args, "nan", ""))
     {
         for (const char* key : { "file", "file2" })
             if (args.count(key))
@@ -134,7 +132,7 @@ public:
         lose(now, d_drops);
         if (lose(now, d_overflows))
             return SOAPY_SDR_OVERFLOW;
-        const std::size_t end = std::min(d_received[0].size(), d_end);
+        const std::size_t end = d_received[0].size();
         std::size_t taken = std::min({ count, MTU, end - std::min(end, now.samples) });
         for (const auto* losses : { &d_drops, &d_overflows })
             if (const auto next = losses->upper_bound(now.samples); next != losses->end())
@@ -174,22 +172,14 @@ public:
     {
         return { "A", "B" };
     }
-    void setAntenna(const int, const std::size_t, const std::string& name) override
+    void setAntenna(const int, const std::size_t, const std::string&) override
     {
         fail("antenna");
-        d_antenna = name;
     }
-    std::string getAntenna(const int, const std::size_t) const override
-    {
-        return d_antenna;
-    }
+    std::string getAntenna(const int, const std::size_t) const override { return "A"; }
     // One gain, which changes by itself until that is switched off.
     bool hasGainMode(const int, const std::size_t) const override { return true; }
-    void setGainMode(const int, const std::size_t, const bool automatic) override
-    {
-        fail("agc");
-        d_is_automatic = automatic;
-    }
+    void setGainMode(const int, const std::size_t, const bool) override { fail("agc"); }
     void setGain(const int, const std::size_t, const double value) override
     {
         fail("gain");
@@ -197,7 +187,7 @@ public:
     }
     double getGain(const int, const std::size_t) const override
     {
-        return stated("gain", d_is_automatic ? -1 : d_gain);
+        return stated("gain", d_gain);
     }
     SoapySDR::Range getGainRange(const int, const std::size_t) const override
     {
@@ -290,11 +280,8 @@ private:
     std::map<std::size_t, std::size_t> d_drops, d_overflows;
     const bool d_has_bytes;
     const std::string d_throws, d_nan;
-    const std::size_t d_end;
     std::vector<std::vector<sample>> d_received;
     progress d_streams[2]; // SOAPY_SDR_TX is 0, SOAPY_SDR_RX 1
-    std::string d_antenna = "A";
-    bool d_is_automatic = true;
     double d_gain = 0, d_frequency = 900e6, d_rate = 1e6;
 };
 

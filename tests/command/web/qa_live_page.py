@@ -9,21 +9,13 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from live_runs import command, free_ports, live, rows_of, wait_until
+from live_runs import free_ports, live, rows_of, wait_until
 from long_cases import cases
+from machine import children
 from web_pages import RawViewer, touched
 from wiforce_app.web import live_page
 from wiforce_app.web.address import PageAddress
 from wiforce_app.web.sources import page_row
-
-
-def page_process(reader):
-    """Process that serves the page of a live reader."""
-    for task in Path(f"/proc/{reader.pid}/task").iterdir():
-        for child in (task / "children").read_text().split():
-            if b"live_page" in Path(f"/proc/{child}/cmdline").read_bytes():
-                return int(child)
-    return None
 
 
 def first_viewer(url):
@@ -64,7 +56,7 @@ def test_live_page_shows_all_readings_and_how_the_run_ends(
 
             while len(rows) < 20:
                 take(viewer.message())
-            page = page_process(reader)
+            (page,) = [child for child in children(reader) if b"live_page" in cmdline(child)]
             reader.send_signal(signal.SIGTERM if ending == "signal" else signal.SIGKILL)
             while ending == "signal" and statuses[-1].get("state") != "ended":
                 take(viewer.message())
@@ -77,18 +69,6 @@ def test_live_page_shows_all_readings_and_how_the_run_ends(
     written = [page_row(row) for row in rows_of(output)]
     first = next(n for n, row in enumerate(written) if row[1] == rows[0][1])
     assert rows == written[first : first + len(rows)]
-
-
-def test_live_page_port_in_use_is_refused_before_the_device_is_opened(slow_scene, tmp_path):
-    (port,) = free_ports(1)
-    output = tmp_path / "readings.csv"
-    output.write_text("of yesterday\n")
-    with closing(PageAddress.of(str(port)).listen()):
-        status, _, said = command(
-            "live", "--scene", slow_scene, "--args", "addr=127.9.9.9", "--web", port, "-o", output
-        )
-    assert status == 2 and "--web: cannot be opened (Address already in use)" in said
-    assert len(said.splitlines()) == 1 and output.read_text() == "of yesterday\n"
 
 
 def test_live_page_whose_process_ends_is_reported_once(monkeypatch):

@@ -111,56 +111,57 @@ def test_page_shows_what_was_published(window, reader):
 
 
 def test_page_says_why_a_tare_is_refused_and_that_the_run_has_ended(window, reader, monkeypatch):
-    press_tare = "document.getElementById('tare').click()"
+
+    def press_tare():
+        reader.until(lambda: window.run("return !byId('tare').disabled"))
+        window.run("byId('tare').click()")
+
     with opened(window, ZmqSource(reader.readings, reader.control), reader):
         reader.refusal = "arm is touched (3.00 N at 40.0 mm)"
-        reader.until(lambda: window.run("return !document.getElementById('tare').disabled"))
-        window.run(press_tare)
+        press_tare()
         reader.until(lambda: window.text("#outcome") == f"tare refused: {reader.refusal}")
-        assert window.run("return document.getElementById('outcome').className") == "bad"
+        assert window.run("return byId('outcome').className") == "bad"
         # Who knows better is asked first.
         assert window.text("#refusal") == f"tare refused: {reader.refusal}"
         window.run("document.querySelector('dialog [value=cancel]').click()")
-        assert not window.run("return document.getElementById('force').open") and reader.forced == 0
-        reader.until(lambda: window.run("return !document.getElementById('tare').disabled"))
-        window.run(press_tare)
-        window.wait("return document.getElementById('force').open")
-        window.run("document.getElementById('forced').click()")
+        assert not window.run("return byId('force').open") and reader.forced == 0
+        press_tare()
+        window.wait("return byId('force').open")
+        window.run("byId('forced').click()")
         reader.until(lambda: window.text("#outcome") == "tare complete")
-        assert reader.forced == 1 and not window.run("return document.getElementById('force').open")
+        assert reader.forced == 1 and not window.run("return byId('force').open")
         reader.refusal = ""
-        reader.until(lambda: window.run("return !document.getElementById('tare').disabled"))
-        window.run(press_tare)
+        press_tare()
         reader.until(lambda: window.text("#outcome") == "tare complete")
         # A page that has no connection says so, and connects again.
         window.run("window.kept = connect; window.connect = () => {}; page.socket.close()")
-        window.wait("return !document.getElementById('connection').hidden")
+        window.wait("return !byId('connection').hidden")
         assert window.text("#state") == "disconnected"
         window.run("window.connect = kept; connect()")
         reader.until(lambda: window.text("#state") == "reading")
-        assert window.run("return document.getElementById('connection').hidden")
+        assert window.run("return byId('connection').hidden")
         monkeypatch.setattr(sources, "_SILENT_S", 0.4)
         # Without a word for four heartbeats the reader counts as lost, and its sensors as silent.
-        window.wait("return document.getElementById('state').textContent === 'lost'")
+        window.wait("return byId('state').textContent === 'lost'")
         assert "no messages for" in window.text("#reason")
         reader.until(lambda: window.text("#state") == "reading")
         reader.heartbeat("ended", "signal", kind="end")
-        window.wait("return document.getElementById('state').textContent === 'ended'")
+        window.wait("return byId('state').textContent === 'ended'")
         # The page stays as it was when its server ends with the run.
         window.run("window.connect = () => {}; page.socket.close()")
         window.wait("return !page.connected && page.lostAt !== null")
         time.sleep(0.3)
         assert window.text("#state") == "ended"
-        assert window.run("return document.getElementById('connection').hidden")
+        assert window.run("return byId('connection').hidden")
 
 
 MOVE = """
-const box = document.getElementById("plots").getBoundingClientRect();
+const box = byId("plots").getBoundingClientRect();
 const plot = page.plots.models("force-plot");
 const left = box.left + plot.outer_width - 10 - plot.inner_width;
 const at = (time) => left + plot.inner_width * (time - page.plots.shown.start)
     / (page.plots.shown.end - page.plots.shown.start);
-const send = (kind, time) => document.getElementById("plots").dispatchEvent(new PointerEvent(kind,
+const send = (kind, time) => byId("plots").dispatchEvent(new PointerEvent(kind,
     { clientX: at(time), clientY: box.top + 60, pointerType: "mouse", bubbles: true }));
 """
 
@@ -180,13 +181,12 @@ def test_page_of_a_finished_file_is_looked_through(window, tmp_path):
         drawn(window)
         assert window.run("return page.plots.shown") == {"start": pytest.approx(69.9), "end": 99.9}
         window.run(
-            "const span = document.getElementById('span'); span.value = '';"
-            "span.dispatchEvent(new Event('change'))"
+            "const span = byId('span'); span.value = '';span.dispatchEvent(new Event('change'))"
         )
         window.wait("return page.plots.shown.start < 0.2")
         # A time in the past is looked at, with its numbers.
         window.run(
-            "const scrub = document.getElementById('scrub'); scrub.value = 50.25;"
+            "const scrub = byId('scrub'); scrub.value = 50.25;"
             "scrub.dispatchEvent(new Event('input'))"
         )
         shown(window, arm="4.00 ± 0.10 N")
@@ -203,9 +203,9 @@ def test_page_of_a_finished_file_is_looked_through(window, tmp_path):
         window.run(MOVE + "send('pointerdown', 42.0); send('pointerup', 48.0)")
         window.wait("return Math.abs(page.plots.shown.start - 42) < 0.2")
         assert window.run("return page.plots.shown.end") == pytest.approx(48, abs=0.2)
-        window.run("document.getElementById('plots').dispatchEvent(new MouseEvent('dblclick'))")
+        window.run("byId('plots').dispatchEvent(new MouseEvent('dblclick'))")
         window.wait("return page.plots.shown.end === 50.25")
-        window.run("document.getElementById('pause').click()")
+        window.run("byId('pause').click()")
         window.wait("return page.plots.shown.end === 99.9")
         assert window.text("#pause") == "Pause" and window.text("#cursor") == ""
         window.driver.get("about:blank")

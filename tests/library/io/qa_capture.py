@@ -100,6 +100,10 @@ def test_open_capture_samples_in_another_file_are_refused(tmp_path, path):
         ({"core:num_channels": 2}, "core:num_channels must be 1"),
         ({"core:trailing_bytes": 8}, "core:trailing_bytes must be 0"),
         ({"samples": 0}, "is empty"),
+        (
+            {"captures": [{"core:sample_start": n, "core:frequency": n // 2} for n in (2, 3, 4)]},
+            "core:frequency must be the same in all captures, got 2",
+        ),
         ({"captures": stated((0, 9), (100, 20))}, "core:global_index must not decrease"),
         (
             {"captures": stated((0, None), (100, 10**15))},
@@ -114,42 +118,33 @@ def test_open_capture_invalid_metadata_names_file_and_rule(tmp_path, changes, ru
     assert rule in str(refusal.value) and "\n" not in str(refusal.value)
 
 
-def test_open_capture_missing_file_is_named(tmp_path):
-    with pytest.raises(InputError, match="none.sigmf-meta: no such file"):
-        open_capture(tmp_path / "none")
-    stem = write(tmp_path)
-    (tmp_path / "x.sigmf-data").unlink()
-    with pytest.raises(InputError, match="x.sigmf-data: no such file"):
-        open_capture(stem)
-
-
-def test_open_capture_pair_with_a_datatype_is_told_to_omit_it(tmp_path):
-    """The files of the pair are there, and were said not to be."""
-    with pytest.raises(InputError, match="x.sigmf-meta states its own type: omit --datatype"):
-        open_capture(write(tmp_path), "ci16_le")
-
-
-def test_open_capture_samples_without_metadata_asks_for_their_type(tmp_path):
-    raw = tmp_path / "raw.dat"
-    raw.write_bytes(bytes(8000))
-    rule = r"no raw\.dat\.sigmf-meta; for raw samples, give their type .--datatype ci16_le or"
-    with pytest.raises(InputError, match=rule):
-        open_capture(raw)
-    with pytest.raises(InputError, match=r"raw\.dat: holds no scene; name one"):
-        load_capture_scene(open_capture(raw, "cf32_le"))
-
-
-def test_open_capture_pipe_or_folder_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("name", "datatype", "rule"),
+    [
+        ("none", None, "none.sigmf-meta: no such file"),
+        ("alone", None, "alone.sigmf-data: no such file"),
+        ("x", "ci16_le", "x.sigmf-meta states its own type: omit --datatype"),
+        ("raw.dat", None, "no raw.dat.sigmf-meta; for raw samples, give their type .--datatype ci"),
+        ("pipe", "ci16_le", "must be a regular file"),
+        ("", "ci16_le", "must be a regular file"),
+    ],
+)
+def test_open_capture_what_is_no_capture_is_named(tmp_path, name, datatype, rule):
+    write(tmp_path)
+    write(tmp_path, name="alone")
+    (tmp_path / "alone.sigmf-data").unlink()
+    (tmp_path / "raw.dat").write_bytes(bytes(8000))
     os.mkfifo(tmp_path / "pipe")
-    for path in (tmp_path / "pipe", tmp_path):
-        with pytest.raises(InputError, match="must be a regular file"):
-            open_capture(path, "ci16_le")
+    with pytest.raises(InputError, match=rule):
+        open_capture(tmp_path / name, datatype)
 
 
 def test_load_capture_scene_not_a_mapping_is_named(tmp_path):
     stem = write(tmp_path)
-    with pytest.raises(InputError, match="holds no scene; name one with --scene$"):
-        load_capture_scene(open_capture(stem))
+    (tmp_path / "raw.dat").write_bytes(bytes(8000))
+    for bare in (open_capture(stem), open_capture(tmp_path / "raw.dat", "cf32_le")):
+        with pytest.raises(InputError, match="holds no scene; name one with --scene$"):
+            load_capture_scene(bare)
     with pytest.raises(InputError, match="or leave out --datatype to use that of its metadata"):
         load_capture_scene(open_capture(f"{stem}.sigmf-data", "ci16_le"))
     capture = open_capture(write(tmp_path, **{"wiforce:scene": "demo"}))
@@ -225,24 +220,21 @@ MISTAKES = [
 ]
 
 
-@pytest.mark.parametrize(("whole", "rule"), MISTAKES)
-def test_read_metadata_names_the_key_that_breaks_a_rule(tmp_path, whole, rule):
+NO_OBJECTS = ["", "{", "[]", "null", "\xff", "[" * 100_000, '{"global": NaN}']
+# The last one was taken, which need not be the one that is meant.
+TWICE = '{"global": {"core:datatype": "cf32_le", "core:datatype": "ci16_le"}, "captures": []}'
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        *((json.dumps(whole), rule) for whole, rule in MISTAKES),
+        *((text, "x.sigmf-meta: ") for text in NO_OBJECTS),
+        (TWICE, "key 'core:datatype' is given more than once"),
+    ],
+)
+def test_read_metadata_names_the_key_that_breaks_a_rule(tmp_path, text, rule):
     """A mistake would appear later, as a wrong reading or a traceback."""
-    (tmp_path / "x.sigmf-meta").write_text(json.dumps(whole))
-    with pytest.raises(InputError, match=rule):
-        read_metadata(tmp_path / "x.sigmf-meta")
-
-
-def test_read_metadata_key_given_twice_is_named(tmp_path):
-    """The last one was taken, which need not be the one that is meant."""
-    text = '{"global": {"core:datatype": "cf32_le", "core:datatype": "ci16_le"}, "captures": []}'
-    (tmp_path / "x.sigmf-meta").write_text(text)
-    with pytest.raises(InputError, match="key 'core:datatype' is given more than once"):
-        read_metadata(tmp_path / "x.sigmf-meta")
-
-
-@pytest.mark.parametrize("text", ["", "{", "[]", "null", "\xff", "[" * 100_000, '{"global": NaN}'])
-def test_read_metadata_not_an_object_is_refused(tmp_path, text):
     (tmp_path / "x.sigmf-meta").write_bytes(text.encode("latin-1"))
-    with pytest.raises(InputError, match="x.sigmf-meta: "):
+    with pytest.raises(InputError, match=rule):
         read_metadata(tmp_path / "x.sigmf-meta")

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from command_runs import refused, run_command, succeeded
 from gnuradio import wiforce
-from gnuradio.wiforce.calibration.gauges import read_gauge
 from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.files.mcap_file import McapWriter
 from gnuradio.wiforce.io.files.readings_files import ReadingsFile
@@ -31,11 +30,9 @@ def readings(count=300):
 @pytest.mark.parametrize("suffix", ["mcap", "parquet"])
 def test_export_refuses_changed_bytes_or_gives_the_same_readings(tmp_path, suffix):
     """A bit that a disk has changed must not become another force."""
-    pytest.importorskip({"mcap": "mcap_ros2", "parquet": "pyarrow"}[suffix])
     path, out = tmp_path / f"a.{suffix}", tmp_path / "out.csv"
     with McapWriter(path) if suffix == "mcap" else open_writer(path) as writer:
-        for reading in readings():
-            writer.write(reading)
+        writer.write_all(readings())
     whole = path.read_bytes()
     succeeded("export", path, "-o", out)
     expected = out.read_text()
@@ -68,12 +65,12 @@ def test_export_refuses_changed_bytes_or_gives_the_same_readings(tmp_path, suffi
         ("csv", "time_s,sensor,force_n,force_n\n1,arm,2,3\n", "must have different names"),
         ("csv", "time_s,sensor\n1,arm\n2,arm,3\n", "line 3: must have as many fields"),
         ("csv", 'time_s,sensor\n1,"arm\n', "is not a CSV file"),
+        ("csv", "time_s,sensor\n1,\udcff\n", "is not UTF-8"),
         ("csv", "time_s,sensor,group\n1,arm,1_0\n", "row 1: is no reading"),
     ],
 )
 def test_export_malformed_row_is_named_in_one_line(tmp_path, suffix, text, message):
     """A file that was cut off, or has other columns, must not become fewer or other readings."""
-    pytest.importorskip("mcap_ros2")
     path = tmp_path / f"a.{suffix}"
     path.write_bytes(text.encode(errors="surrogateescape"))
     said = refused("export", path, "-o", tmp_path / "a.mcap")
@@ -82,7 +79,6 @@ def test_export_malformed_row_is_named_in_one_line(tmp_path, suffix, text, messa
 
 def test_parquet_with_a_damaged_name_of_a_column_is_refused(tmp_path):
     """The names are not covered by any checksum; the command ended with an error of a codec."""
-    pytest.importorskip("pyarrow")
     path = tmp_path / "a.parquet"
     with open_writer(path) as writer:
         writer.write(Reading(1.0, "arm"))
@@ -93,7 +89,6 @@ def test_parquet_with_a_damaged_name_of_a_column_is_refused(tmp_path):
 
 def test_parquet_file_whose_name_is_not_utf8_is_read(tmp_path):
     """Its name ended the run that joins the readings of all captures of a folder."""
-    pytest.importorskip("pyarrow")
     path = tmp_path / os.fsdecode(b"n\xe9.parquet")
     with open_writer(path) as writer:
         writer.write(Reading(1.0, "arm"))
@@ -113,19 +108,16 @@ def test_export_keeps_keys_that_only_later_lines_have(tmp_path):
     succeeded("export", tmp_path / "a.jsonl", "--to", "csv")
     lines = (tmp_path / "a.csv").read_text().splitlines()
     assert lines[0].endswith(",note") and lines[2].endswith(',"{""by"": true}"')
-    pytest.importorskip("mcap_ros2")
     done = run_command("export", tmp_path / "a.jsonl", "--to", "mcap")
     assert "columns without a field in MCAP are left out: note" in done.stderr
 
 
 def test_mcap_sensors_that_would_share_topics_are_refused(tmp_path):
     """Their wrenches would be published on one topic."""
-    pytest.importorskip("mcap_ros2")
     rows = [{"time_s": 1, "sensor": name} for name in ("a/b c", "a b/c")]
     (tmp_path / "a.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-    done = run_command("export", tmp_path / "a.jsonl", "--to", "mcap")
     rule = "sensor 'a b/c': has the same ROS topic as 'a/b c', /wiforce/a_b_c/reading"
-    assert done.returncode == 2 and rule in done.stderr and done.stderr.count("\n") == 1
+    assert rule in refused("export", tmp_path / "a.jsonl", "--to", "mcap")
     assert len(list(tmp_path.iterdir())) == 1
     with pytest.raises(InputError, match="has the same ROS topic"):
         McapWriter(tmp_path / "b.mcap", sensors=["a/b c", "a b/c"])
@@ -133,15 +125,12 @@ def test_mcap_sensors_that_would_share_topics_are_refused(tmp_path):
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet", "mcap"])
 def test_export_full_disk_names_the_output_and_keeps_the_former_one(tmp_path, monkeypatch, suffix):
-    pytest.importorskip({"mcap": "mcap_ros2", "parquet": "pyarrow"}.get(suffix, "csv"))
-
     def full(self, data):
         self._failure = OutputError(self._path, "cannot be written further (disk full); rows kept")
         raise self._failure
 
     with open_writer(tmp_path / "a.jsonl") as writer:
-        for reading in readings(5):
-            writer.write(reading)
+        writer.write_all(readings(5))
     out = tmp_path / f"out.{suffix}"
     out.write_text("former")
     monkeypatch.setattr("gnuradio.wiforce.io.files.output_file.OutputFile.write", full)
@@ -209,27 +198,6 @@ def test_score_offset_of_a_gauge_with_unix_times_is_as_exact_as_of_small_ones(tm
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("time_s,force_n\n", "g.csv: must hold two forces or more"),
-        ("time_s,force_n\n1,0\n1,2\n", "g.csv: time_s must increase"),
-        ("time_s,force_n\n0,0\n90000,2\n200000,1\n", "g.csv: must hold several values while"),
-        ("time_s,force_n\n0,0\n1,1e308\n2,-1e308\n", "row 3: force_n must be below 1e+12 N"),
-        ("Time (days),Force\n0,0\n1,2\n", "Time (days): names an unknown unit of time"),
-        ("time_s,force_n\n0,True\n1,False\n", "row 2: force_n must be a finite number"),
-        ("time_s,force_n\n0,5,1,2\n1,5,2,2\n", "must not have more fields than there are columns"),
-        ("t,force\n0,1\n1,\n2,1\n1,2\n", "row 5: t must not decrease"),
-    ],
-)
-def test_score_gauge_that_shows_no_presses_is_refused(tmp_path, text, message):
-    with open_writer(tmp_path / "a.csv") as writer:
-        for reading in readings(50):
-            writer.write(reading)
-    (tmp_path / "g.csv").write_text(text)
-    assert message in refused("score", tmp_path / "a.csv", "--against", tmp_path / "g.csv")
-
-
-@pytest.mark.parametrize(
     ("times", "message"),
     [
         ([], "a.jsonl: holds no readings"),
@@ -245,10 +213,3 @@ def test_score_readings_of_no_or_endless_time_are_refused(tmp_path, times, messa
     (tmp_path / "g.csv").write_text("time_s,force_n\n0,0\n0.1,2\n")
     said = refused("score", tmp_path / "a.jsonl", "--against", tmp_path / "g.csv")
     assert message in said
-
-
-def test_gauge_rows_that_end_in_a_separator_are_not_shifted(tmp_path):
-    """Loggers write such rows, whose times were taken for forces."""
-    (tmp_path / "g.csv").write_text("Time (h);Force (N)\n0;5;\n1;7;\n")
-    record = read_gauge(tmp_path / "g.csv")
-    assert record.time_s.tolist() == [0, 3600] and record.force_n.tolist() == [5, 7]

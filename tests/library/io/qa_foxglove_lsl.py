@@ -11,7 +11,6 @@ from datetime import datetime, timezone
 import pylsl
 import pytest
 import websockets.sync.client
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.foxglove_server import FoxgloveServer
 from gnuradio.wiforce.io.network.lsl_outlets import CHANNELS, TIME_CHANNELS, LslOutlets
 from gnuradio.wiforce.io.readings import Reading
@@ -61,11 +60,6 @@ def test_foxglove_client_that_sends_nonsense_prints_nothing(server, capfd, caplo
         client.sendall(b"nonsense\r\n\r\n")
         assert not client.recv(1)
     assert not caplog.records and not "".join(capfd.readouterr())
-
-
-def test_foxglove_port_in_use_is_refused(server):
-    with pytest.raises(InputError, match="--foxglove: cannot be bound .*in use"):
-        FoxgloveServer(str(server.port), ["arm"])
 
 
 def test_lsl_samples_have_the_time_of_the_measurement():

@@ -46,8 +46,6 @@ def test_pickled_objects_are_never_loaded(tmp_path):
     """A file from elsewhere must not run code."""
     np.save(tmp_path / "own.npy", np.array([print] * 16, object), allow_pickle=True)
     assert "must be a .npy file of complex samples" in plan_refused(tmp_path)
-    (tmp_path / "own.npy").write_bytes(pickle.dumps(print))
-    assert "must be a .npy file of complex samples" in plan_refused(tmp_path)
 
 
 def header(text):
@@ -66,8 +64,7 @@ def archive():
     [
         b"",
         archive(),
-        b"symbol\n",
-        b"\x93NUMPY",
+        pickle.dumps(print),
         b"\x93NUMPY\x09\x00" + bytes(100),
         header("{'descr': '<c16', 'fortran_order': False, 'shape': (64,), }"),
         header("{'descr': '<c16', 'fortran_order': False, 'shape': (1000000000000,), }"),

@@ -7,7 +7,7 @@ import stat
 import threading
 import time
 from concurrent.futures import Future
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 
 import pytest
 import zmq
@@ -25,6 +25,7 @@ from gnuradio.wiforce.io.network.zmq_sockets import (
     request,
 )
 from gnuradio.wiforce.io.readings import Reading
+from live_runs import connected, served
 from machine import free_port, wait_until
 
 WAIT_S = 60.0
@@ -38,32 +39,6 @@ def folders(tmp_path):
     for name in ("own", "other"):
         create_keys(tmp_path / name, client="robot")
     return tmp_path / "own", tmp_path / "other"
-
-
-@contextmanager
-def served(keys, answer=str.upper):
-    """The port of a server, and the list of what it was asked."""
-    asked, ended = [], threading.Event()
-
-    def noted(text):
-        asked.append(text)
-        return answer(text)
-
-    port = free_port()
-    replies = Replies(str(port), noted, keys=keys)
-
-    def serve():
-        while not ended.wait(0.005):
-            replies.serve(10)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
-        yield port, asked
-    finally:
-        ended.set()
-        thread.join()
-        replies.close()
 
 
 def strange_keys(own, other):
@@ -126,14 +101,14 @@ def test_keys_that_cannot_be_used_are_refused(folders, tmp_path):
 def test_request_needs_keys_on_both_sides_or_none(folders):
     """Whoever is not known can neither tare nor stop a robot's reader, and sees why."""
     own, other = folders
-    with served(ServerKeys.load(own)) as (port, asked):
+    with served(keys=ServerKeys.load(own)) as (port, asked):
         assert request(str(port), "tare", WAIT_S, keys=ClientKeys.load(own)) == "TARE"
         for keys in (strange_keys(own, other), None, ClientKeys.load(other)):
             with pytest.raises(InputError, match="--zmq-keys: must be those of a client"):
                 request(str(port), "stop", WAIT_S, keys=keys)
         assert asked == ["tare"]
     # The key proves that the server is the right one; without it, anybody could answer.
-    with served(None) as (port, asked):
+    with served() as (port, asked):
         with pytest.raises(InputError, match="--zmq-keys: must be .* or none where the server"):
             request(str(port), "status", WAIT_S, keys=ClientKeys.load(own))
         assert not asked
@@ -142,7 +117,7 @@ def test_request_needs_keys_on_both_sides_or_none(folders):
 def test_client_keys_can_be_added_and_removed_while_the_server_runs(folders):
     """A laptop that was stolen must be locked out without a restart."""
     own, _ = folders
-    with served(ServerKeys.load(own)) as (port, _):
+    with served(keys=ServerKeys.load(own)) as (port, _):
         create_keys(own, "laptop")
         laptop = ClientKeys.load(own / "laptop.key_secret")
         assert request(str(port), "status", WAIT_S, keys=laptop) == "STATUS"
@@ -213,7 +188,7 @@ def port():
 
 def test_what_is_no_request_costs_others_no_answer():
     answer = answer_words({"status": lambda: {"groups": 3}})
-    with served(None, answer) as (port, _), zmq.Context() as context:
+    with served(answer) as (port, _), zmq.Context() as context:
 
         def ask(*parts, wait_s=WAIT_S):
             with context.socket(zmq.REQ) as client:
@@ -234,24 +209,16 @@ def test_what_is_no_request_costs_others_no_answer():
 
 def test_answer_that_comes_later_is_sent_when_it_is_known(port):
     """A tare is answered when it is complete; others must not wait for it."""
-    later, words = Future(), {}
-    words["tare"] = lambda: later
-    words["status"] = dict
-    replies = Replies(str(port), answer_words(words))
-    with (
-        zmq.Context() as context,
-        context.socket(zmq.REQ) as first,
-        context.socket(zmq.REQ) as last,
-    ):
-        for client, word in ((first, b"tare"), (last, b"status")):
-            client.setsockopt(zmq.LINGER, 0)
-            client.connect(f"tcp://127.0.0.1:{port}")
-            client.send(word)
+    later = Future()
+    replies = Replies(str(port), answer_words({"tare": lambda: later, "status": dict}))
+    with connected(zmq.REQ, port) as first, connected(zmq.REQ, port) as last:
+        first.send(b"tare")
+        last.send(b"status")
         wait_until(lambda: last.poll(5), meanwhile=lambda: replies.serve(10))
         assert json.loads(last.recv()) == {"ok": True} and not first.poll(50)
         later.set_result("complete")
         replies.close()
-        assert first.poll(60_000) and first.recv() == b"complete"
+        assert first.recv() == b"complete"
 
 
 def test_request_without_a_reader_ends_in_time(port):
@@ -271,20 +238,15 @@ def test_endpoint_of_another_machine_is_refused_with_the_rule(port, host):
 @pytest.mark.parametrize(
     ("answer", "status", "words"),
     [
-        (b"READY", 2, "must be the --control endpoint of a reader of this version"),
-        (b'{"ok": true, "state": "reading", "sensors": {"arm": {}}}', 2, "it answers otherwise"),
-        (b'{"ok": false, "error": "100 requests wait"}', 1, "status refused: 100 requests wait"),
+        ("READY", 2, "must be the --control endpoint of a reader of this version"),
+        ('{"ok": true, "state": "reading", "sensors": {"arm": {}}}', 2, "it answers otherwise"),
+        ('{"ok": false, "error": "100 requests wait"}', 1, "status refused: 100 requests wait"),
     ],
 )
-def test_status_of_what_is_no_reader_is_one_line(port, answer, status, words):
+def test_status_of_what_is_no_reader_is_one_line(answer, status, words):
     """A port that was mixed up must not look like a fault of the program."""
-    with zmq.Context() as context, context.socket(zmq.REP) as server:
-        server.setsockopt(zmq.LINGER, 0)
-        server.bind(f"tcp://127.0.0.1:{port}")
-        answering = threading.Thread(target=lambda: server.recv() and server.send(answer))
-        answering.start()
+    with served(lambda word: answer) as (port, _):
         done = run_command("status", str(port))
-        answering.join()
     said = done.stderr if status == 2 else done.stdout
     assert done.returncode == status and words in said
     assert len(said.splitlines()) == 1

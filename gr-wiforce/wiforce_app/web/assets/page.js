@@ -35,8 +35,6 @@ const page = {
 };
 window.wiforce = page;
 
-const byId = (id) => document.getElementById(id);
-
 function trackOf(sensor) {
   if (!page.tracks.has(sensor)) {
     if (page.tracks.size >= MOST_TRACKS) {

@@ -37,6 +37,8 @@ function placeOf(reading) {
   return reading.y === null ? location : `x ${location}, y ${withSpread(reading.y, reading.yStd, 1, "mm")}`;
 }
 
+const byId = (id) => document.getElementById(id);
+
 function element(tag, className, parent) {
   const made = document.createElement(tag);
   made.className = className;
@@ -86,29 +88,27 @@ class SensorView {
     return DARK_PAPER.matches && this.own === COLORS.at(-1) ? LIGHT : this.own;
   }
 
+  // The line with the press. `plane` is that of a surface, null for a sensor.
+  draw(reading, ageS, lengthMm, plane) {
+    const press = !isStale(reading, ageS) && reading.touch === 1 ? reading : null;
+    const width = this.picture.clientWidth, height = this.picture.clientHeight;
+    this.root.classList.toggle("plane", plane !== null);
+    const drawn = JSON.stringify([press, lengthMm, plane, width, height]);
+    if (drawn === this.drawn || !(width > 0)) return;
+    this.drawn = drawn;
+    const parts = plane !== null ? planeParts(press, plane, width, height, this.color)
+      : this.lineParts(press, lengthMm, width, height);
+    this.picture.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    this.picture.replaceChildren(...parts);
+    const label = press === null ? "not pressed" : `${this.force.textContent} ${this.location.textContent}`;
+    this.picture.setAttribute("aria-label", label);
+  }
+
   // The numbers: `health` is what a heartbeat says of the sensor; `ageS` counts from the arrival of
   // the reading.
   drawNumbers(reading, health, ageS) {
+    const stale = isStale(reading, ageS), touched = !stale && reading.touch === 1;
     this.root.style.setProperty("--color", this.color);
-    this.drawTexts(reading, health, ageS, reading === null || !(ageS <= STALE_S));
-  }
-
-  // The line with the press. `plane` is that of a surface, null for a sensor.
-  draw(reading, ageS, lengthMm, plane) {
-    const stale = reading === null || !(ageS <= STALE_S);
-    const pressed = !stale && reading.touch === 1;
-    const width = this.picture.clientWidth, height = this.picture.clientHeight;
-    this.root.classList.toggle("plane", plane !== null);
-    const drawn = JSON.stringify([pressed && reading, lengthMm, plane, width, height]);
-    if (drawn !== this.drawn && width > 0) {
-      this.drawn = drawn;
-      if (plane !== null) drawPlane(this, pressed ? reading : null, plane, width, height);
-      else this.drawPicture(pressed ? reading : null, lengthMm, width, height);
-    }
-  }
-
-  drawTexts(reading, health, ageS, stale) {
-    const touched = !stale && reading.touch === 1;
     this.root.classList.toggle("stale", stale);
     this.root.classList.toggle("untouched", !stale && reading.touch === 0);
     this.root.classList.toggle("doubtful", !stale && reading.doubtful);
@@ -136,7 +136,7 @@ class SensorView {
     setText(this.problem, health.reference_problem || silence);
   }
 
-  drawPicture(press, lengthMm, width, height) {
+  lineParts(press, lengthMm, width, height) {
     const left = 12, right = width - 12, labelled = height > 45;
     const ground = labelled ? height - 17 : height - 4;
     const x = (mm) => left + Math.min(Math.max(mm / lengthMm, 0), 1) * (right - left);
@@ -155,11 +155,12 @@ class SensorView {
     }));
     if (labelled) parts.push(...scale(x, ground, lengthMm, width));
     if (at !== null) parts.push(...arrow(press, at, ground, color));
-    this.picture.setAttribute("viewBox", `0 0 ${width} ${height}`);
-    this.picture.replaceChildren(...parts);
-    const label = press === null ? "not pressed" : `${this.force.textContent} ${this.location.textContent}`;
-    this.picture.setAttribute("aria-label", label);
+    return parts;
   }
+}
+
+function isStale(reading, ageS) {
+  return reading === null || !(ageS <= STALE_S);
 }
 
 function signed(value) {

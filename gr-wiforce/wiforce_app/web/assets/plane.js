@@ -6,7 +6,7 @@
 const LARGEST_DOT_PX = 16, LEAST_DOT_PX = 2.5;
 const MOST_SPANS = 4; // forces beyond so many spans have no larger dot
 
-function drawPlane(view, press, plane, width, height) {
+function planeParts(press, plane, width, height, color) {
   const [x0, x1] = plane.x, [y0, y1] = plane.y;
   const room = { left: 12, right: 12, top: 4, bottom: height > 60 ? 17 : 4 };
   const scale = Math.min(
@@ -30,12 +30,9 @@ function drawPlane(view, press, plane, width, height) {
     }, label));
   }
   if (press !== null && press.location !== null && press.y !== null) {
-    parts.push(...pressOnPlane(press, x(press.location), y(press.y), scale, view.color));
+    parts.push(...pressOnPlane(press, x(press.location), y(press.y), scale, color));
   }
-  view.picture.setAttribute("viewBox", `0 0 ${width} ${height}`);
-  view.picture.replaceChildren(...parts);
-  const text = `${view.force.textContent} ${view.location.textContent}`;
-  view.picture.setAttribute("aria-label", press === null ? "not pressed" : text);
+  return parts;
 }
 
 function pressOnPlane(press, atX, atY, scale, own) {

@@ -81,7 +81,7 @@ class Plots {
   // The plots fill what the window has below them.
   fit() {
     const strip = STRIP_PX + STRIP_ROW_PX * Math.max(1, this.rows);
-    const place = document.getElementById("plots").getBoundingClientRect();
+    const place = byId("plots").getBoundingClientRect();
     const beside = window.innerWidth > 760;
     const room = beside ? (window.innerHeight - place.top - window.scrollY - strip - KEY_PX) / 2 : 0;
     const height = Math.round(Math.min(HIGHEST_PX, Math.max(beside ? LOWEST_PX : 200, room)));
@@ -108,7 +108,7 @@ class Plots {
   // Time at a place of the pointer; null beside the axis.
   timeAt(clientX) {
     const { inner_width: width, outer_width: outer } = this.models("force-plot");
-    const left = document.getElementById("plots").getBoundingClientRect().left;
+    const left = byId("plots").getBoundingClientRect().left;
     const part = (clientX - left - (outer - RIGHT_PX - width)) / width;
     if (!(part >= 0 && part <= 1)) return null;
     return this.shown.start + part * (this.shown.end - this.shown.start);

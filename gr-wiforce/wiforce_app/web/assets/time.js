@@ -37,18 +37,17 @@ class TimeView {
   draw() {
     const { oldest, newest } = this.page;
     const stopped = this.cursor !== null;
-    const pause = document.getElementById("pause");
+    const pause = byId("pause");
     setText(pause, stopped ? "Go on" : "Pause");
     pause.setAttribute("aria-pressed", String(stopped));
-    const scrub = document.getElementById("scrub");
+    const scrub = byId("scrub");
     scrub.min = oldest;
     scrub.max = newest;
     scrub.value = this.cursor ?? newest;
-    setText(document.getElementById("cursor"), stopped ? `at ${this.cursor.toFixed(2)} s` : "");
+    setText(byId("cursor"), stopped ? `at ${this.cursor.toFixed(2)} s` : "");
   }
 
   listen() {
-    const byId = (id) => document.getElementById(id);
     byId("span").onchange = (event) => {
       this.set({ spanS: event.target.value === "" ? null : Number(event.target.value), zoom: null });
     };
@@ -78,7 +77,7 @@ class TimeView {
   }
 
   leave() {
-    document.getElementById("hover").hidden = true;
+    byId("hover").hidden = true;
   }
 
   hover(event) {
@@ -89,10 +88,10 @@ class TimeView {
       const reading = track.view.shown ? nearest(track.readings, at) : null;
       if (reading !== null) lines.push(`${sensor}: ${valuesOf(reading)}`);
     }
-    const box = document.getElementById("hover");
+    const box = byId("hover");
     setText(box, lines.join("\n"));
     box.hidden = false;
-    const frame = document.getElementById("plots").getBoundingClientRect();
+    const frame = byId("plots").getBoundingClientRect();
     const x = event.clientX - frame.left;
     const left = x > frame.width / 2 ? x - box.offsetWidth - 12 : x + 12;
     box.style.left = `${Math.max(0, left)}px`;

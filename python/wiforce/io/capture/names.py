@@ -13,10 +13,14 @@ SUFFIXES = (".sigmf-data", ".sigmf-meta")
 SNAPSHOTS_SUFFIX = ".npz"
 
 
+def stem_of(name: str | Path) -> str:
+    """The path of a capture by that of one of its files, or its own."""
+    return os.fspath(name).removesuffix(SUFFIXES[0]).removesuffix(SUFFIXES[1])
+
+
 def recording_stem(name: str | Path, where: str) -> str:
     """The path of a capture to be written, without suffix; refuses one that files cannot have."""
-    text = os.fspath(name)
-    stem = text.removesuffix(".sigmf-data").removesuffix(".sigmf-meta")
+    text, stem = os.fspath(name), stem_of(name)
     path = Path(stem)
     rule = "must be the name of a capture, to which the suffixes of its files are added"
     if os.path.basename(stem) in ("", ".", "..") or not text.isprintable():
@@ -33,8 +37,7 @@ def second_antenna(name: str | Path) -> str:
 
 def files_of(data: Path) -> tuple[Path, ...]:
     """All files of a capture that exist: samples, metadata, truth, those of a second antenna."""
-    stem = data.with_suffix("") if data.suffix in SUFFIXES else data
-    suffixes = (*SUFFIXES, ".truth.csv")
+    stem, suffixes = stem_of(data), (*SUFFIXES, ".truth.csv")
     names = [f"{name}{suffix}" for name in (stem, second_antenna(stem)) for suffix in suffixes]
     others = [path for path in map(Path, names) if path.exists() and path != data]
     return (data, *others)
@@ -131,12 +134,9 @@ def _files_in(folder: Path) -> Iterator[Path]:
 
 
 def _named(path: str, datatype: str | None) -> NamedCapture:
-    stem = path
-    if datatype is None:
-        for suffix in SUFFIXES:
-            stem = stem.removesuffix(suffix)
-        if is_snapshots(path):
-            return NamedCapture(Path(path).stem, path)
+    if datatype is None and is_snapshots(path):
+        return NamedCapture(Path(path).stem, path)
+    stem = path if datatype is not None else stem_of(path)
     return NamedCapture(Path(stem).name, stem)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...signal.carrier import same_carrier
-from .names import files_of
+from .names import SUFFIXES, files_of, stem_of
 from .samples import DATATYPES, samples_of
 from .sigmf_metadata import read_metadata
 
@@ -131,8 +131,7 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
     if path.is_dir() and not path.with_name(f"{path.name}.sigmf-meta").exists():
         rule = "is a folder; name a file of the capture in it, or the part that both have in common"
         raise InputError(path, rule)
-    stem = path.with_suffix("") if path.suffix in (".sigmf-meta", ".sigmf-data") else path
-    meta, data = (stem.with_name(stem.name + suffix) for suffix in (".sigmf-meta", ".sigmf-data"))
+    data, meta = (Path(stem_of(path) + suffix) for suffix in SUFFIXES)
     if path.is_file() and not meta.is_file():
         rule = (
             f"is not a capture: there is no {meta.name}; for raw samples, give their type "
@@ -181,24 +180,28 @@ def _open_sigmf(meta: Path, data: Path) -> Capture:
     if datatype not in DATATYPES:
         rule = f"core:datatype must be one of {', '.join(DATATYPES)}"
         raise InputError(meta, rule, datatype)
-    if fields.get("core:num_channels", 1) != 1:
-        raise InputError(meta, "core:num_channels must be 1", fields["core:num_channels"])
-    if fields.get("core:dataset", data.name) != data.name:
-        rule = f"core:dataset must be {data.name}: samples of another file are not read"
-        raise InputError(meta, rule, fields["core:dataset"])
-    if fields.get("core:trailing_bytes", 0):
-        raise InputError(meta, "core:trailing_bytes must be 0", fields["core:trailing_bytes"])
+    _check_stated(meta, fields, "core:num_channels", 1)
+    # Samples of another file are not read.
+    _check_stated(meta, fields, "core:dataset", data.name)
+    _check_stated(meta, fields, "core:trailing_bytes", 0)
     total = _count(data, datatype, size)
     rate = _positive(meta, "core:sample_rate", fields.get("core:sample_rate"))
     carriers = [c["core:frequency"] for c in captures if "core:frequency" in c]
     carrier = _positive(meta, "core:frequency", carriers[0]) if carriers else None
-    if any(other != carriers[0] for other in carriers):
-        raise InputError(meta, "core:frequency must be the same in all captures", carriers[1])
+    for other in carriers:
+        if other != carriers[0]:
+            raise InputError(meta, "core:frequency must be the same in all captures", other)
     segments = _segments(meta, captures, total)
     scene, sha512 = fields.get("wiforce:scene"), fields.get("core:sha512")
     last = captures[-1]["core:sample_start"] if captures else 0
     stated = max(fields.get("wiforce:samples", 0), last)
     return Capture(data, datatype, rate, carrier, segments, scene, sha512, stated)
+
+
+def _check_stated(meta: Path, fields: Mapping[str, Any], name: str, readable: int | str) -> None:
+    """Refuse a field that states anything else than what can be read."""
+    if fields.get(name, readable) != readable:
+        raise InputError(meta, f"{name} must be {readable}", fields[name])
 
 
 def _positive(meta: Path, name: str, value: Any) -> float:
@@ -214,8 +217,7 @@ def _segments(meta: Path, captures: Sequence[Mapping[str, Any]], total: int) -> 
     ends = [*starts[1:], max(total, starts[-1])]
     segments: list[Segment] = []
     for capture, start, end in zip(captures, starts, ends, strict=True):
-        if capture.get("core:header_bytes", 0):
-            raise InputError(meta, "core:header_bytes must be 0", capture["core:header_bytes"])
+        _check_stated(meta, capture, "core:header_bytes", 0)
         last = segments[-1] if segments else Segment(start, start, 0)
         expected = last.global_index + (start - last.file_sample)
         index = capture.get("core:global_index", expected)

@@ -5,6 +5,7 @@ import math
 import os
 import struct
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -146,11 +147,8 @@ class McapWriter(EndedOutput):
 
     def send(self, kind: str, report: Mapping[str, Any]) -> None:
         """Write a report once the file is begun; a failure is raised by the next reading."""
-        if self._writer is not None and self._failure is None:
-            try:
-                self._put(health_message(report), 0)
-            except OutputError:
-                pass
+        with suppress(OutputError):
+            self._put(health_message(report), 0)
 
     def close(self) -> None:
         """End the file; a run that never began leaves the former one as it was."""
@@ -160,12 +158,13 @@ class McapWriter(EndedOutput):
     def _begin_next(self, folder: Path) -> None:
         with self._lock:
             self.close()
-            self._path, self._file, self._writer, self._ended = _named(folder), None, None, False
+            self._path, self._file, self._writer = _named(folder), None, None
             self.begin()
 
     def _put(self, message: RosMessage, else_ns: int) -> None:
         with self._lock:
-            if (self._ended or self._writer is None) and self._failure is None:
+            ended = self._writer is None or self._file is None or self._file.closed
+            if ended and self._failure is None:
                 return
             self._utc_ns = message.stamp_ns or self._utc_ns
             time_ns = else_ns if self._utc_ns is None else self._utc_ns

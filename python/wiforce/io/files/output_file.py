@@ -168,7 +168,7 @@ class EndedOutput(Output):
         self._file: OutputFile | None = None
         self._writer: Any = None
         self._failure: OutputError | None = None
-        self._lock, self._ended = threading.RLock(), False
+        self._lock = threading.RLock()
 
     def _writer_of(self, file: OutputFile) -> Any:
         raise NotImplementedError
@@ -192,9 +192,8 @@ class EndedOutput(Output):
 
     def abandon(self) -> None:
         with self._lock:
-            if self._ended or self._file is None:
+            if self._file is None or self._file.closed:
                 return
-            self._ended = True
             try:
                 if self._writer is not None:  # the disk may have been full from the start
                     self._write_end()

@@ -6,6 +6,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
@@ -119,12 +120,12 @@ class ReadingsFile:
                         where = f"{self._path}: line {lines.line_num}"
                         rule = f"must have as many fields as there are columns, {len(names)}"
                         raise InputError(where, rule, len(fields))
-            except (csv.Error, UnicodeDecodeError) as error:
+            except csv.Error as error:
                 raise InputError(self._path, f"is not a CSV file ({error})") from error
 
     def _json_lines(self) -> Iterator[Mapping[str, Any]]:
         with self._opened() as file:
-            for number, line in enumerate(_decoded(self._path, file), 1):
+            for number, line in enumerate(file, 1):
                 try:
                     row = json.loads(line)
                 except (ValueError, RecursionError) as error:
@@ -158,18 +159,15 @@ class ReadingsFile:
         except (arrow.ArrowException, UnicodeDecodeError) as error:
             raise InputError(self._path, "is not a complete Parquet file") from error
 
-    def _opened(self) -> IO[str]:
+    @contextmanager
+    def _opened(self) -> Iterator[IO[str]]:
         try:
-            return open(self._path, encoding="utf-8-sig", newline="")
+            with open(self._path, encoding="utf-8-sig", newline="") as file:
+                yield file
+        except UnicodeDecodeError as error:
+            raise InputError(self._path, f"is not UTF-8 ({error})") from error
         except OSError as error:
             raise InputError(self._path, f"cannot be read ({error.strerror})") from error
-
-
-def _decoded(path: Path, file: IO[str]) -> Iterator[str]:
-    try:
-        yield from file
-    except UnicodeDecodeError as error:
-        raise InputError(path, f"is not UTF-8 ({error})") from error
 
 
 def _text(value: Any) -> str:

@@ -72,8 +72,7 @@ class LslOutlets(Output):
             **dict.fromkeys(surfaces, CHANNELS + SURFACE_CHANNELS + TIME_CHANNELS),
         }
         self._outlets = {
-            name: self._outlet(name, period_s, details or {}, channels)
-            for name, channels in self._channels.items()
+            name: self._outlet(name, period_s, details or {}) for name in self._channels
         }
 
     def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
@@ -94,14 +93,8 @@ class LslOutlets(Output):
             time.sleep(_LINGER_S)
         self._outlets.clear()
 
-    def _outlet(
-        self,
-        sensor: str,
-        period_s: float,
-        details: Mapping[str, str],
-        channels: tuple[tuple[str, str, str], ...],
-    ) -> Any:
-        lsl = self._pylsl
+    def _outlet(self, sensor: str, period_s: float, details: Mapping[str, str]) -> Any:
+        lsl, channels = self._pylsl, self._channels[sensor]
         info = lsl.StreamInfo(
             f"gr-wiforce {sensor}",
             "Force",
@@ -111,9 +104,10 @@ class LslOutlets(Output):
             # The same after a restart, so that a recorder continues with the new stream.
             f"gr-wiforce:{socket.gethostname()}:{sensor}",
         )
-        info.set_channel_labels([name for name, _, _ in channels])
-        info.set_channel_units([unit for _, unit, _ in channels])
-        info.set_channel_types([kind for _, _, kind in channels])
+        labels, units, kinds = zip(*channels, strict=True)
+        info.set_channel_labels(labels)
+        info.set_channel_units(units)
+        info.set_channel_types(kinds)
         acquisition = info.desc().append_child("acquisition")
         for key, value in {"sensor": sensor, **details}.items():
             acquisition.append_child_value(key, value)
