@@ -156,8 +156,7 @@ class Estimator(NamedTuple):
     separator: Callable[..., EndSeparator | LineSeparator]
     # Tones are plain Fourier sums over the group instead of the scene's weights.
     rectangular: bool = False
-    against: str = "untouched"  # the reference: the ``untouched`` sensor or the ``previous`` group
-    # The ``change`` against the untouched sensor, a ``step`` from group to group, or a ``square``
+    # The ``change`` against the untouched sensor, a ``step`` from the group before, or a ``square``
     # of the change.
     ratios: str = "change"
 
@@ -166,17 +165,16 @@ class Estimator(NamedTuple):
     ) -> ConjugateDifference:
         """Make the stage that compares the ends of S tags with their reference."""
         # The channels of packets are ratios of antennas, which no few delays describe.
-        packets = isinstance(waveform, PacketWaveform)
-        linear = self.against == "untouched" and self.ratios == "change" and not packets
+        linear = self.ratios == "change" and not isinstance(waveform, PacketWaveform)
         return ConjugateDifference(
-            2 * tags, reference_groups, self.against, waveform if linear else None
+            2 * tags, reference_groups, self.ratios == "step", waveform if linear else None
         )
 
 
 ESTIMATORS = {
     "harmonic": Estimator(EndSeparator),
     "sideband": Estimator(partial(LineSeparator, squared=True), ratios="square"),
-    "paper": Estimator(LineSeparator, rectangular=True, against="previous", ratios="step"),
+    "paper": Estimator(LineSeparator, rectangular=True, ratios="step"),
 }
 
 
