@@ -435,9 +435,7 @@ and both duty cycles.)");
                 if (variance.ndim() != 1 || !variance.size())
                     throw std::invalid_argument(
                         "noise_estimate: variance must have shape (K,)");
-                of.set(flat(variance), level);
-                if (groups)
-                    of.set_groups(*groups);
+                of.set(flat(variance), level, groups);
             },
             "variance"_a,
             "level"_a,
