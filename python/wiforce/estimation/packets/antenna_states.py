@@ -221,14 +221,14 @@ def _middle(ranked: Array) -> float:
 def _merged(against: Array, label: Array, step: float) -> Array:
     """Labels without states nearer than a step: tags may divide one far from the middle."""
     while True:
-        states = np.unique(label)
-        means = np.array([against[label == state].mean(axis=0) for state in states])
+        label = np.unique(label, return_inverse=True)[1]
+        means = _means(against, label)
         apart = np.linalg.norm(means[:, None] - means, axis=2) / np.linalg.norm(means, axis=1)
         np.fill_diagonal(apart, np.inf)
         one, other = np.unravel_index(np.argmin(apart), apart.shape)
         if apart[one, other] >= step:
-            return np.unique(label, return_inverse=True)[1]
-        label = np.where(label == states[one], states[other], label)
+            return label
+        label = np.where(label == one, other, label)
 
 
 def _means(against: Array, label: Array) -> Array:
