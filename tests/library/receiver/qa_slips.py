@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from chain_runs import readings_of_reader
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.estimation.capture import folded_groups
 from gnuradio.wiforce.estimation.capture.folded_groups import Slips, SnapshotGroup
 from gnuradio.wiforce.receiver.stream import GroupsInPlace
 from long_cases import cases
-from press_capture import DEFAULT, array_source
+from press_capture import DEFAULT, codes_of, source_of
 
 # Half the usual rate takes half the time; frames and groups last as long, and half of a frame is
 # silent, as usual.
@@ -63,7 +64,7 @@ def scene_with(**environment):
 
 def slip(capture, name, at_s, lost):
     """Write a capture without some samples, or with more of them."""
-    codes = np.fromfile(f"{capture}.sigmf-data", "<i2").reshape(-1, 2)
+    codes = codes_of(capture)
     at = int(at_s * RATE_HZ)
     if lost > 0:
         codes = np.delete(codes, slice(at, at + lost), axis=0)
@@ -111,19 +112,14 @@ def test_samples_lost_at_two_antennas_cost_their_groups_only(
 
 def read_as_a_stream(capture, scene, input_type):
     """Readings of a capture whose samples, or folded frames, pass a flowgraph."""
-    found = []
+    if scene["environment"]["receive_antennas"] == 1:
+        source = source_of(capture, scene, input_type)
+        return readings_of_reader(scene, source, input_type=input_type)
+    found, flowgraph, ratio = [], gr.top_block(), wiforce.antenna_ratio()
     reader = wiforce.reader(scene, input_type=input_type, on_reading=found.append)
-    flowgraph = gr.top_block()
-    if input_type == "sc16":
-        samples = array_source(np.fromfile(f"{capture}.sigmf-data", "<i2").reshape(-1, 2))
-        flowgraph.connect(samples, reader)
-    elif scene["environment"]["receive_antennas"] == 1:
-        flowgraph.connect(wiforce.capture_source(capture, scene), reader)
-    else:
-        ratio = wiforce.antenna_ratio()
-        for port, suffix in enumerate(("", ".antenna2")):
-            flowgraph.connect(wiforce.capture_source(f"{capture}{suffix}", scene), (ratio, port))
-        flowgraph.connect(ratio, reader)
+    for port, suffix in enumerate(("", ".antenna2")):
+        flowgraph.connect(wiforce.capture_source(f"{capture}{suffix}", scene), (ratio, port))
+    flowgraph.connect(ratio, reader)
     flowgraph.run()
     assert reader.failure is None
     return found
@@ -185,7 +181,7 @@ def test_antennas_that_lost_other_frames_are_read_to_their_end(
     where none of them were common.
     """
     for suffix, first in (("", 0.6), (".antenna2", 0.8)):
-        codes = np.fromfile(f"{press_of_two}{suffix}.sigmf-data", "<i2").reshape(-1, 2)
+        codes = codes_of(f"{press_of_two}{suffix}")
         start, end = (FRAME * round(at_s * RATE_HZ / FRAME) for at_s in (first, first + 0.15))
         np.delete(codes, slice(start, end), axis=0).tofile(f"{tmp_path / 'a'}{suffix}.sigmf-data")
         meta = json.loads(Path(f"{press_of_two}{suffix}.sigmf-meta").read_text())
