@@ -33,13 +33,18 @@ _SWEPT_BAND = 0.8
 _ROOT = 25 / 63
 
 
+def symbol_of(subcarriers: np.ndarray, values: np.ndarray, length: int) -> np.ndarray:
+    """Time samples (length,) of one OFDM symbol with unit mean power."""
+    spectrum = np.zeros(length, complex)
+    spectrum[subcarriers % length] = values
+    return np.fft.ifft(spectrum) * length / np.sqrt(np.sum(np.abs(values) ** 2))
+
+
 def repeated_symbol(length: int) -> np.ndarray:
     """The symbol of the waveform ``repeated``: X_k = exp(j pi k^2 / N) without k = 0 and N/2."""
     k = np.arange(-((length - 1) // 2), (length + 1) // 2)
     k = k[k != 0]
-    spectrum = np.zeros(length, complex)
-    spectrum[k % length] = np.exp(1j * np.pi * k**2 / length)
-    return np.fft.ifft(spectrum) * length / np.sqrt(len(k))
+    return symbol_of(k, np.exp(1j * np.pi * k**2 / length), length)
 
 
 def swept_symbol(length: int, part: float) -> np.ndarray:
