@@ -62,7 +62,8 @@ def _search(samples: Array, waveform: Waveform) -> _Found | None:
     mean = _mean_of_frames(samples, waveform.frame_length)
     if mean is None:
         return None
-    match = _match(mean, waveform)
+    # Correlation with the sent frame at every cyclic shift.
+    match = np.abs(np.fft.ifft(np.fft.fft(mean) * np.fft.fft(waveform.frame()).conj()))
     best = int(np.argmax(match))
     if not match[best] > 0:
         return None
@@ -89,12 +90,6 @@ def _mean_of_frames(samples: Array, frame_length: int) -> Array | None:
         mean: Array = frames.mean(axis=0).astype(complex)
         mean -= mean.mean()
     return mean
-
-
-def _match(mean: Array, waveform: Waveform) -> Array:
-    """Correlation of a mean frame with the sent frame at every cyclic shift, (frame_length,)."""
-    spectrum = np.fft.fft(mean) * np.fft.fft(waveform.frame()).conj()
-    return np.abs(np.fft.ifft(spectrum))
 
 
 def _noise(mean: Array, match: float, waveform: Waveform) -> float:
