@@ -40,15 +40,11 @@ def wrapped(radians):
     return (radians + np.pi) % (2 * np.pi) - np.pi
 
 
-def covariances_of(likelihood, table, air, groups):
-    """What the likelihood needs of each group, with the noise known."""
-    found = [likelihood.covariance(table.weights @ air.group(g), air.noise) for g in range(groups)]
-    return (np.arange(groups) + 0.5) * 625 * T - T / 2, np.array(found)
-
-
-def found_clock(likelihood, table, air, groups=11):
-    times, covariances = covariances_of(likelihood, table, air, groups)
-    return times, acquire(times, covariances, likelihood, RATE, 100.0, SUBCARRIERS)
+def found_clock(likelihood, table, air):
+    """The clock in eleven groups, with the noise known."""
+    times_s = (np.arange(11) + 0.5) * 625 * T - T / 2
+    found = [likelihood.covariance(table.weights @ air.group(g), air.noise) for g in range(11)]
+    return acquire(times_s, np.array(found), likelihood, RATE, 100.0, SUBCARRIERS)
 
 
 def true_phase(tag, time_s):
@@ -62,7 +58,7 @@ def test_acquisition_is_never_off_by_half_a_cycle(table, likelihood, gamma_db, r
     """It would ruin end 2: lines 2 and 6 hold both ends, with the wrong sign."""
     for seed in range(runs):
         tag = random_tag(np.random.default_rng([1, seed]))
-        _, fit = found_clock(likelihood, table, make_air(625, [tag], [2, seed], gamma_db))
+        fit = found_clock(likelihood, table, make_air(625, [tag], [2, seed], gamma_db))
         error = wrapped(fit.phase - true_phase(tag, fit.time_s))
         assert fit.found and abs(error) < 0.25
 
@@ -70,15 +66,14 @@ def test_acquisition_is_never_off_by_half_a_cycle(table, likelihood, gamma_db, r
 @pytest.mark.parametrize("seed", range(20))
 def test_acquisition_without_a_tag_finds_no_clock(table, likelihood, seed):
     air = make_air(625, [], seed, 0.0, static_db=60)
-    times, covariances = covariances_of(likelihood, table, air, 11)
-    assert not acquire(times, covariances, likelihood, RATE, 100.0, SUBCARRIERS).found
+    assert not found_clock(likelihood, table, air).found
 
 
 @pytest.mark.parametrize("gamma_db, seed", [(-15.0, 1), (-15.0, 2), (20.0, 3)])
 def test_acquisition_recognises_overlapping_pulses(table, likelihood, gamma_db, seed):
     """75 % about the same centres: inverted, and a quarter of Ts late."""
     tag = random_tag(np.random.default_rng(seed), clock2_delay_cycles=0.25)
-    _, fit = found_clock(likelihood, table, make_air(625, [tag], seed, gamma_db))
+    fit = found_clock(likelihood, table, make_air(625, [tag], seed, gamma_db))
     assert fit.found and fit.overlapping
 
 

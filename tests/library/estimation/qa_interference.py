@@ -54,12 +54,12 @@ def noise_power(codes):
     return 2 * np.mean(frames[:, 450:].astype(float) ** 2)
 
 
-def with_transmissions(codes, effect, seed):
+def with_transmissions(codes, effect):
     """Codes to which another transmitter of ``rooms`` is added."""
     whole = codes[: len(codes) // FRAME * FRAME].astype(np.float32)
     frames = whole.view(np.complex64).reshape(-1, FRAME)
     air = Air(None, np.sqrt(noise_power(codes)), None, len(frames))
-    effect.begin(air, np.random.default_rng(seed))
+    effect.begin(air, np.random.default_rng(3))
     effect.add(frames, 0)
     return np.clip(np.rint(whole), -32768, 32767)
 
@@ -114,7 +114,7 @@ def rms(errors):
 def hit_by(effect, press, tmp_path_factory):
     """The capture with another transmitter of ``rooms``."""
     (name, _, codes), folder = press, tmp_path_factory.mktemp("interference")
-    return copy_with(with_transmissions(codes, effect, seed=3), name, folder / "hit")
+    return copy_with(with_transmissions(codes, effect), name, folder / "hit")
 
 
 @pytest.fixture(scope="module")

@@ -29,8 +29,8 @@ def make_plan(sensors=1, snapshots=625, estimator="harmonic"):
     return wiforce.plan(scene, snapshots, estimator)
 
 
-def recorded_groups(plan, first, count, untouched=(), **faults):
-    """Groups of tones from ``first`` on, pressed in all but the reference and ``untouched``.
+def recorded_groups(plan, count, untouched=(), **faults):
+    """Groups of tones, pressed in all but the reference and ``untouched``.
 
     ``incomplete`` maps an index to the mask of its snapshots; ``saturated``, ``retuned`` and
     ``absent`` are indices.
@@ -52,7 +52,7 @@ def recorded_groups(plan, first, count, untouched=(), **faults):
     air = make_air(plan.group_length, tags, 1, 25.0, static_db=40)
     incomplete = faults.get("incomplete", {})
     rows = []
-    for g in range(first, first + count):
+    for g in range(count):
         snapshots = air.group(g, g >= plan.reference_groups and g not in untouched)
         if g in faults.get("absent", ()):
             continue
@@ -113,7 +113,6 @@ def faulty_groups(plan):
     start = plan.reference_groups + 3
     groups = recorded_groups(
         plan,
-        0,
         start + start + 31,
         untouched=range(start + 22, start + start + 25),
         incomplete={3: masks[0], start + 2: masks[1], start + 3: masks[2]},
@@ -155,7 +154,7 @@ def test_receiver_noise_that_changes_in_a_batch_does_not_depend_on_the_batches(
 ):
     """The clocks are tracked by the new noise from the same group on."""
     plan = make_plan(sensors, snapshots)
-    groups = recorded_groups(plan, 0, 130)
+    groups = recorded_groups(plan, 130)
     rng = np.random.default_rng(4)
     noise = rng.standard_normal((*groups.tones.shape, 2)) @ (1, 1j)
     level = np.std(groups.tones[1:] - groups.tones[:-1], axis=(0, 2))[:, None]
@@ -180,7 +179,7 @@ def test_receiver_noise_that_changes_in_a_batch_does_not_depend_on_the_batches(
 def test_receiver_tare_while_groups_are_held_back_does_not_depend_on_the_batches(tare_at):
     """During the acquisition of the clocks, and while the reference is taken."""
     plan = make_plan()
-    groups = recorded_groups(plan, 0, 40, untouched=range(30))
+    groups = recorded_groups(plan, 40, untouched=range(30))
     expected = readings_of(plan, groups, 1, tare_at)
     assert len(expected) == 40
     assert_equal(readings_of(plan, groups, 7, tare_at), expected)
@@ -212,7 +211,7 @@ def test_receiver_every_fault_is_flagged_where_it_is(run):
 def test_receiver_finish_gives_what_is_held_back(count):
     """Runs that end before the clocks or the reference are known lose no group."""
     plan = make_plan()
-    groups = recorded_groups(plan, 0, 20)[:count]
+    groups = recorded_groups(plan, 20)[:count]
     receiver = Receiver(plan, derotated=False)
     ready = receiver.process(groups) if count else []
     assert len(ready) == (19 if count == 20 else 0)
@@ -236,7 +235,7 @@ def test_receiver_finish_gives_what_is_held_back(count):
 def test_receiver_batch_of_another_shape_is_refused(change, message):
     """Arrays of another plan would broadcast, and give readings without meaning."""
     plan = make_plan()
-    groups = recorded_groups(plan, 0, 3).having(**change)
+    groups = recorded_groups(plan, 3).having(**change)
     with pytest.raises(InputError, match=message):
         Receiver(plan, derotated=False).process(groups)
 
@@ -244,7 +243,7 @@ def test_receiver_batch_of_another_shape_is_refused(change, message):
 def test_receiver_batch_that_steps_back_is_refused():
     """Its groups would be taken for those that another receiver has read, and be lost."""
     plan = make_plan()
-    groups, receiver = recorded_groups(plan, 0, 6), Receiver(plan, derotated=False)
+    groups, receiver = recorded_groups(plan, 6), Receiver(plan, derotated=False)
     receiver.process(groups[:4])
     with pytest.raises(InputError, match=r"groups.index: must rise .* from 3 on"):
         receiver.process(groups[3:])
