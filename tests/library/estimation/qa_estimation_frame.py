@@ -259,17 +259,6 @@ def test_follower_keeps_frames_of_another_clock_in_place(ppm):
     assert np.abs(late[900:] - late[0]).max() < 1.6
 
 
-def test_follower_after_a_known_gap_goes_on_with_the_next_whole_frame():
-    follower, items = FrameFollower(LENGTH), received_by_antennas(-40)
-    start, lost = 1000 * LENGTH + 123, 5 * LENGTH + 77
-    parts = [follower.take(items[:start]), follower.lose(lost, 4)]
-    before = sum(map(len, parts)) // LENGTH
-    parts.append(follower.take(items[start + lost :]))
-    late = delays(np.concatenate(parts))
-    assert before == 1000 and follower.lost == 6 and follower.moved == 0
-    assert np.abs(late[900:] - late[0]).max() < 1.5
-
-
 def test_follower_finds_frames_after_an_unknown_loss():
     follower, items = FrameFollower(LENGTH), received_by_antennas(8)
     items = np.concatenate([items[: 500 * LENGTH + 99], items[500 * LENGTH + 99 + 577 :]])
