@@ -152,10 +152,10 @@ def test_phase_that_flips_shortly_before_the_end_is_a_state():
     assert np.array_equal(find_states(channel, np.arange(16.0), LEAST_STEP).label, label)
 
 
-def simulated(folder, packets, static_clutter_db, **effects):
+def simulated(folder, static_clutter_db, **effects):
     """What the product's simulator writes of 4 s of a tag at its noise."""
     scene = {
-        "packets": {"subcarriers": 8} | packets,
+        "packets": {"subcarriers": 8, "interval_s": 0.002},
         "radio": {"center_frequency_hz": 2.44e9},
         "phase_group": {"snapshots": 100},
         "sensors": [{"name": "tag", "model": "line-2440mhz", "clock_hz": 134}],
@@ -174,7 +174,7 @@ def simulated(folder, packets, static_clutter_db, **effects):
 def test_simulated_card_flips_steps_and_rounds(tmp_path):
     effects = {"flips_per_s": 3, "flip_phases": 3, "antenna_gain_step_db": 2, "clock_steps": 1}
     effects |= {"stamp_jitter_s": 1e-4, "stamp_resolution_s": 1e-3}
-    found = simulated(tmp_path, {"interval_s": 0.002}, 35, **effects)
+    found = simulated(tmp_path, 35, **effects)
     assert found.clock_steps == 1
     steps = np.diff(found.time_s) * 1e3
     assert np.abs(steps - np.rint(steps)).max() < 1e-6
@@ -189,7 +189,7 @@ def test_simulated_card_flips_steps_and_rounds(tmp_path):
 
 def test_simulated_antennas_wander_by_the_stated_deviations(tmp_path):
     effects = {"antenna_wander_db": 1.0, "antenna_wander_deg": 10.0}
-    found = simulated(tmp_path, {"interval_s": 0.002}, 45, **effects)
+    found = simulated(tmp_path, 45, **effects)
     ratio = np.mean(found.channel[:, :, 1] / found.channel[:, :, 0], axis=1)
     assert np.std(20 * np.log10(np.abs(ratio))) == pytest.approx(1.0, rel=0.15)
     turns = np.angle(ratio / ratio.mean(), deg=True)

@@ -5,11 +5,11 @@ import threading
 
 import numpy as np
 import pytest
+from chain_runs import assert_equal_readings
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.io.readings import NUMBERS
 from gnuradio.wiforce.receiver import Receiver, recording
 from gnuradio.wiforce.wiforce_kernels import end_separation
 from plain import make_air
@@ -88,21 +88,6 @@ def readings_of(plan, groups, size, tare_at=None, tracked=False):
     return readings + receiver.finish()
 
 
-def assert_equal(readings, others):
-    """The same readings but for rounding.
-
-    It may move an explanation of a press across the weight of 1e-4 below which none is inverted.
-    """
-    assert [(r.sensor, r.touch, r.flags) for r in readings] == [
-        (r.sensor, r.touch, r.flags) for r in others
-    ]
-    for name in NUMBERS:
-        found, expected = (
-            np.array([getattr(r, name) for r in each], float) for each in (readings, others)
-        )
-        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6, err_msg=name)
-
-
 def faulty_groups(plan):
     """A run with everything that may happen to a group, and the index of its tare.
 
@@ -134,7 +119,7 @@ def run(request):
 def test_receiver_batches_of_any_size_give_equal_readings(run):
     plan, groups, tare_at, expected = run
     for size in (7, None):
-        assert_equal(readings_of(plan, groups, size, tare_at), expected)
+        assert_equal_readings(readings_of(plan, groups, size, tare_at), expected)
 
 
 @pytest.mark.parametrize(
@@ -145,7 +130,7 @@ def test_receiver_other_estimators_do_not_depend_on_the_batches(settings, tracke
     plan = make_plan(**settings)
     groups, tare_at = faulty_groups(plan)
     expected = readings_of(plan, groups, 1, tare_at, tracked=tracked)
-    assert_equal(readings_of(plan, groups, None, tare_at, tracked=tracked), expected)
+    assert_equal_readings(readings_of(plan, groups, None, tare_at, tracked=tracked), expected)
 
 
 @pytest.mark.parametrize("sensors, snapshots, share", [(1, 625, 0.08), (2, 125, 0.03)])
@@ -171,7 +156,7 @@ def test_receiver_noise_that_changes_in_a_batch_does_not_depend_on_the_batches(
     monkeypatch.setattr(end_separation, "process", note)
     expected = readings_of(plan, groups, 1)
     for size in (7, None):
-        assert_equal(readings_of(plan, groups, size), expected)
+        assert_equal_readings(readings_of(plan, groups, size), expected)
     assert seen == {False, True}  # a step of the noise, and a lost model
 
 
@@ -182,8 +167,8 @@ def test_receiver_tare_while_groups_are_held_back_does_not_depend_on_the_batches
     groups = recorded_groups(plan, 40, untouched=range(30))
     expected = readings_of(plan, groups, 1, tare_at)
     assert len(expected) == 40
-    assert_equal(readings_of(plan, groups, 7, tare_at), expected)
-    assert_equal(readings_of(plan, groups, None, tare_at), expected)
+    assert_equal_readings(readings_of(plan, groups, 7, tare_at), expected)
+    assert_equal_readings(readings_of(plan, groups, None, tare_at), expected)
 
 
 def test_receiver_every_fault_is_flagged_where_it_is(run):
