@@ -197,7 +197,7 @@ py::dict separate(end_separation& of,
     };
     // Single precision is read as it is, since batches of many tones exceed the caches.
     using single_array = array<std::complex<float>>;
-    if (py::isinstance<single_array>(tones))
+    if (tones.dtype().equal(py::dtype::of<std::complex<float>>()))
         add(single_array(tones));
     else
         add(complex_array(tones));
