@@ -3,7 +3,7 @@
 
 import numpy as np
 import pmt
-from gnuradio import gr
+from gnuradio import gr, wiforce
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 
@@ -38,7 +38,12 @@ SCENE = DEFAULT | {
 def press_codes(folder):
     """ADC codes of the scene's capture, which is written to ``folder``; int16, shape (n, 2)."""
     simulate(load_scene(SCENE), folder / "press")
-    return np.fromfile(folder / "press.sigmf-data", "<i2").reshape(-1, 2)
+    return codes_of(folder / "press")
+
+
+def codes_of(capture):
+    """ADC codes of a capture by its name; int16, shape (n, 2)."""
+    return np.fromfile(f"{capture}.sigmf-data", "<i2").reshape(-1, 2)
 
 
 class array_source(gr.sync_block):
@@ -66,6 +71,14 @@ class array_source(gr.sync_block):
 def as_floats(codes):
     """ADC codes as complex64 of full scale 1."""
     return codes.astype(np.float32).view(np.complex64).ravel() / 32768
+
+
+def source_of(capture, scene, input_type="sc16"):
+    """Samples of a capture, or its folded frames, for a reader of this type of input."""
+    if input_type == "folded":
+        return wiforce.capture_source(capture, scene)
+    codes = codes_of(capture)
+    return array_source(codes if input_type == "sc16" else as_floats(codes))
 
 
 def run_flowgraph(*chain):

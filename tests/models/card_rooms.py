@@ -38,19 +38,19 @@ def quietly_read(path, scene):
         return wiforce.read(path, scene)
 
 
-def readings_of(capture, folder):
-    """Readings, those of steady touches, and their errors over standard deviations."""
+def readings_of(capture, folder, scene=None, first_s=2.25, last_s=None):
+    """Readings of steady touches, clear ones, and their errors over standard deviations."""
     capture.save(folder / "p.npz")
-    readings = quietly_read(folder / "p.npz", scene_of())
-    last_s = capture.touched_s[1] - PERIOD_S
-    steady = readings[(readings["time_s"] > 2.25) & (readings["time_s"] < last_s)]
+    readings = quietly_read(folder / "p.npz", scene or scene_of())
+    last_s = last_s or capture.touched_s[1] - PERIOD_S
+    steady = readings[(readings["time_s"] > first_s) & (readings["time_s"] < last_s)]
     clear = steady[steady["flags"] == ""]
     stds = (clear["force_n"] - FORCE_N).abs() / clear["force_std_n"]
-    return readings, steady, clear, stds.to_numpy()
+    return steady, clear, stds.to_numpy()
 
 
 def readings_of_rooms(line_db, seeds, folder, **effects):
     """Steady and clear readings in several rooms, and errors over standard deviations."""
     rooms = [readings_of(capture_of(line_db, seed=seed, **effects), folder) for seed in seeds]
-    _, steady, clear, stds = zip(*rooms, strict=True)
+    steady, clear, stds = zip(*rooms, strict=True)
     return pd.concat(steady), pd.concat(clear), np.concatenate(stds)

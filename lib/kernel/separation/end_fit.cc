@@ -44,9 +44,8 @@ bool invert(matrix_of& matrix, std::size_t n)
 }
 
 // By Jacobi's rotations.
-void pseudo_invert(const matrix_of& matrix, std::size_t size, matrix_of& inverse)
+matrix_of pseudo_inverse_of(matrix_of a, std::size_t size)
 {
-    auto a = matrix;
     std::vector<double> vectors(size * size);
     for (std::size_t row = 0; row < size; row++)
         vectors[row * size + row] = 1;
@@ -82,7 +81,7 @@ void pseudo_invert(const matrix_of& matrix, std::size_t size, matrix_of& inverse
     double largest = 0;
     for (std::size_t i = 0; i < size; i++)
         largest = std::max(largest, std::abs(a[i * size + i]));
-    std::fill(inverse.begin(), inverse.end(), 0.0);
+    matrix_of inverse(size * size);
     for (std::size_t i = 0; i < size; i++) {
         const double value = a[i * size + i];
         if (!(std::abs(value) > negligible * largest))
@@ -92,28 +91,26 @@ void pseudo_invert(const matrix_of& matrix, std::size_t size, matrix_of& inverse
             for (std::size_t column = 0; column < size; column++)
                 inverse[row * size + column] += vector[row] * vector[column] / value;
     }
+    return inverse;
 }
 
 // Inverse of a symmetric positive definite matrix, n x n row by row. Of a matrix that is
 // singular within the accuracy of a fit, the pseudo-inverse. `singular`: largest energy
 // of a column over what the others leave of one, from which on it is.
-std::vector<double>
-inverse_of(const matrix_of& matrix, std::size_t n, double singular = 1e12)
+matrix_of inverse_of(const matrix_of& matrix, std::size_t n, double singular = 1e12)
 {
     auto inverse = matrix;
     double energy = 0, gain = 0;
-    if (invert(inverse, n))
-        for (std::size_t i = 0; i < n; i++) {
-            // An element on the inverse's diagonal is 1 over what the other columns leave
-            // of its own.
-            gain = std::max(gain, inverse[i * n + i]);
-            energy = std::max(energy, matrix[i * n + i]);
-        }
-    else
-        gain = energy = singular;
-    if (!(gain * energy < singular))
-        pseudo_invert(matrix, n, inverse);
-    return inverse;
+    const bool inverted = invert(inverse, n);
+    for (std::size_t i = 0; i < n; i++) {
+        // An element on the inverse's diagonal is 1 over what the other columns leave
+        // of its own.
+        gain = std::max(gain, inverse[i * n + i]);
+        energy = std::max(energy, matrix[i * n + i]);
+    }
+    if (inverted && gain * energy < singular)
+        return inverse;
+    return pseudo_inverse_of(matrix, n);
 }
 
 } // namespace

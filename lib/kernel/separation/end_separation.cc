@@ -70,8 +70,6 @@ void add_own(const std::vector<double>& switched,
 
 double energy_of(const complex* channel, const double* weights, std::size_t subcarriers)
 {
-    if (!weights)
-        return power_of(channel, subcarriers);
     double sum = 0;
     for (std::size_t k = 0; k < subcarriers; k++)
         sum += std::norm(channel[k]) * weights[k];
@@ -387,7 +385,7 @@ void end_separation::separate(one& group, bool update)
                     2 * std::pow(d_settings.least_error, 2) *
                     energy_of(channel, noise.inverse.data(), subcarriers);
             const double power =
-                energy_of(channel, nullptr, subcarriers) / subcarriers - gain * level;
+                power_of(channel, subcarriers) / subcarriers - gain * level;
             found.snr_db[end0 + row] =
                 10 * std::log10(std::max(d_settings.line_power * power / level, 1e-12));
         }

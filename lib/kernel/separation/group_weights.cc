@@ -57,7 +57,8 @@ WIFORCE_CLONES void whiten(const double* whitener,
                            std::size_t columns,
                            T* white)
 {
-    triangular_product(whitener, count, parts, columns, white);
+    std::fill_n(white, count * columns, 0.0);
+    add_product({ whitener, count, count, count, 1, 1, true }, parts, columns, white);
 }
 
 template void whiten(const double*, const double*, std::size_t, std::size_t, double*);

@@ -102,15 +102,6 @@ add_product(const left_factor& left, const T* right, std::size_t columns, T* to)
     }
 }
 
-// to = lower x right, with a lower triangular matrix (count x count).
-template <class T>
-inline __attribute__((always_inline)) void triangular_product(
-    const double* lower, std::size_t count, const T* right, std::size_t columns, T* to)
-{
-    std::fill_n(to, count * columns, 0.0);
-    add_product({ lower, count, count, count, 1, 1, true }, right, columns, to);
-}
-
 // Real part of conj(first) x second.
 inline double real_product(complex first, complex second)
 {

@@ -75,9 +75,12 @@ noise_estimate::noise_estimate(double group_period_s, std::vector<double> profil
 
 double noise_estimate::level() const { return mean_of(d_variance); }
 
-void noise_estimate::set(std::vector<double> variance, double level)
+void noise_estimate::set(std::vector<double> variance,
+                         double level,
+                         std::optional<std::size_t> groups)
 {
     known = true;
+    d_groups = groups.value_or(d_groups);
     if (!d_profile.empty()) {
         double sum = 0;
         for (std::size_t k = 0; k < variance.size(); k++)

@@ -3,6 +3,7 @@
 
 #include <cstddef>
 #include <deque>
+#include <optional>
 #include <vector>
 
 namespace gr::wiforce::kernel {
@@ -61,11 +62,11 @@ public:
     double level() const;
 
     // Sets the variance, limited to the rounding errors of the tones. `level`: mean power
-    // of the whitened tones, the largest of the groups that it was measured in.
-    void set(std::vector<double> variance, double level);
-
-    // Number of groups that the variance is a mean of.
-    void set_groups(std::size_t groups) { d_groups = groups; }
+    // of the whitened tones, the largest of the groups that it was measured in. `groups`:
+    // number of them, unchanged when not given.
+    void set(std::vector<double> variance,
+             double level,
+             std::optional<std::size_t> groups = std::nullopt);
 
     // Learns from a group, unless it is not `complete`. `residual`: mean square of its
     // whitened residual per degree of freedom, K; `level`: mean power of its whitened

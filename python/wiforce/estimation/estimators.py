@@ -119,8 +119,7 @@ class LineSeparator:
         line_gain = np.sum(np.abs(weights[self._upper]) ** 2, axis=1)
         line_gain = line_gain / self._coefficients[:, 0] ** 2
         self._learn_noise(upper, lower, line_gain)
-        read = self._squares if self._squared else self._channels
-        ends, gain, power = read(upper, lower, line_gain)
+        ends, gain, power = self._ends(upper, lower, line_gain)
         ratio = self._line_power * power / self._noise_level
         return ends, gain, 10 * np.log10(np.maximum(ratio, 1e-12)), self._noise_level
 
@@ -134,13 +133,12 @@ class LineSeparator:
         self._noise_level += (level - self._noise_level) / self._noise_groups
         self._noise_level = max(self._noise_level, _LEAST_NOISE)
 
-    def _channels(self, upper: Array, _: Array, gain: Array) -> tuple[Array, Array, Array]:
-        power = np.mean(np.abs(upper) ** 2, axis=1) - gain * self._noise_level
-        return upper, gain, power
-
-    def _squares(self, upper: Array, lower: Array, gain: Array) -> tuple[Array, Array, Array]:
-        noise = gain * self._noise_level
-        power = (np.mean(np.abs(upper) ** 2, axis=1) + np.mean(np.abs(lower) ** 2, axis=1)) / 2
+    def _ends(self, upper: Array, lower: Array, gain: Array) -> tuple[Array, Array, Array]:
+        """Values of the ends or their squares, their variance over that of H, and their power."""
+        noise, power = gain * self._noise_level, np.mean(np.abs(upper) ** 2, axis=1)
+        if not self._squared:
+            return upper, gain, power - noise
+        power = (power + np.mean(np.abs(lower) ** 2, axis=1)) / 2
         # The noise of a product grows with it: its mean is weighted by the product's own energy.
         squares = upper * lower
         energy = np.abs(squares) ** 2
@@ -156,8 +154,7 @@ class Estimator(NamedTuple):
     separator: Callable[..., EndSeparator | LineSeparator]
     # Tones are plain Fourier sums over the group instead of the scene's weights.
     rectangular: bool = False
-    against: str = "untouched"  # the reference: the ``untouched`` sensor or the ``previous`` group
-    # The ``change`` against the untouched sensor, a ``step`` from group to group, or a ``square``
+    # The ``change`` against the untouched sensor, a ``step`` from the group before, or a ``square``
     # of the change.
     ratios: str = "change"
 
@@ -166,17 +163,16 @@ class Estimator(NamedTuple):
     ) -> ConjugateDifference:
         """Make the stage that compares the ends of S tags with their reference."""
         # The channels of packets are ratios of antennas, which no few delays describe.
-        packets = isinstance(waveform, PacketWaveform)
-        linear = self.against == "untouched" and self.ratios == "change" and not packets
+        linear = self.ratios == "change" and not isinstance(waveform, PacketWaveform)
         return ConjugateDifference(
-            2 * tags, reference_groups, self.against, waveform if linear else None
+            2 * tags, reference_groups, self.ratios == "step", waveform if linear else None
         )
 
 
 ESTIMATORS = {
     "harmonic": Estimator(EndSeparator),
     "sideband": Estimator(partial(LineSeparator, squared=True), ratios="square"),
-    "paper": Estimator(LineSeparator, rectangular=True, against="previous", ratios="step"),
+    "paper": Estimator(LineSeparator, rectangular=True, ratios="step"),
 }
 
 

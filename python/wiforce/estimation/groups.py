@@ -199,12 +199,6 @@ class Groups:
         return len(self.index)
 
     @property
-    def has_incomplete(self) -> bool:
-        """Whether there may be a group that is ``incomplete``."""
-        lacking = any(self.missing.tolist()) or any(self.interference.tolist())
-        return self.snapshot_weights is not None or lacking
-
-    @property
     def incomplete(self) -> Array:
         """Whether tones are those of a part of the snapshots; ndarray of bool, shape (G,)."""
         lacking = (self.missing > 0) | (self.interference > 0)
@@ -305,8 +299,7 @@ class GroupWeights(group_weights):
 
     def mix(self, waveforms: Array) -> Array:
         """Whitened parts (..., M, C) of C waveforms (..., n, C) at the snapshots of some groups."""
-        # Contiguous in the order in which the switching waveforms are made.
-        return np.asarray((waveforms.swapaxes(-1, -2) @ self.mixer).swapaxes(-1, -2))
+        return np.asarray(self.mixer.T @ waveforms)
 
 
 @dataclass(eq=False, repr=False)

@@ -275,7 +275,7 @@ def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None)
     if reference_groups < 1:
         rule = f"must hold at least one phase group of {period:.4g} s"
         raise InputError(_key_of(scene, "reference_s"), rule, scene.reference_s)
-    against = estimator_named(scene.phase_group.estimator).against
+    by_steps = estimator_named(scene.phase_group.estimator).ratios == "step"
     clocks = tuple(TagClock(s.clock_hz, s.clock_tolerance_ppm) for s in scene.sensors)
     settings = Plan(
         scene.waveform(),
@@ -285,7 +285,7 @@ def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None)
         HARMONICS[0],
         reference_groups,
         # What is compared with the group before must not be averaged over groups.
-        max(1, round(scene.phase_group.smoothing_s / period)) if against == "untouched" else 1,
+        1 if by_steps else max(1, round(scene.phase_group.smoothing_s / period)),
         scene.phase_group.estimator,
         scene=scene,
         times_s=typical_times_s(scene),

@@ -101,9 +101,9 @@ def plot(
     return axes
 
 
-def legend_beside(axis: Any, title: str | None = None) -> None:
+def legend_beside(axis: Any) -> None:
     """Add a legend to the right of an axis, where it hides nothing."""
-    axis.legend(title=title, loc="upper left", bbox_to_anchor=(1.0, 1.02), fontsize=10)
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02), fontsize=10)
 
 
 def _rows(name: str, table: Any, needed: Sequence[str]) -> _Rows:

@@ -109,7 +109,7 @@ class PacketGroups:
         noise = static.var(axis=0) / len(rows)
         others = static.shape[1] // self._packets.level.shape[1]
         change = self._hidden * others * max(float(np.mean(moved - noise)), 0.0)
-        return float(rotation_std_deg(np.array([change]), others)[0])
+        return rotation_std_deg(change, others)
 
 
 def _inliers(packets: DividedPackets, rows: Array) -> Array:

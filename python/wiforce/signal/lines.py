@@ -70,7 +70,10 @@ def tag_lines(
     positive: list[Tone] = []
     for frequency, owner, line_hz in sorted(lines):
         if positive and frequency - positive[-1].frequency_hz < _SAME_TONE * resolution:
-            positive[-1] = _shared(positive[-1], owner, line_hz)
+            tone = positive[-1]
+            # The slower line is the stronger one, and gives the frequency on air.
+            slower_hz = min(tone.line_hz, line_hz, key=abs)
+            positive[-1] = Tone(tone.frequency_hz, (*tone.owners, owner), slower_hz)
         else:
             positive.append(Tone(frequency, (owner,), line_hz))
     return with_mirrors(positive)
@@ -93,11 +96,6 @@ def lamp_distances_hz(clocks_hz: ArrayLike, mains_hz: Sequence[float]) -> np.nda
         beyond = np.mod(lines, 2 * mains)
         found = np.minimum(found, np.minimum(beyond, 2 * mains - beyond))
     return found
-
-
-def _shared(tone: Tone, owner: tuple[int, int], line_hz: float) -> Tone:
-    """A tone with one more line on it; the slower, stronger line gives its frequency on air."""
-    return Tone(tone.frequency_hz, (*tone.owners, owner), min(tone.line_hz, line_hz, key=abs))
 
 
 # Sequences beyond 2NW. With ten of them the part of in-band clutter that is not in the basis

@@ -57,7 +57,7 @@ def switch_averages(
     Half a window, pi fs Ta, is at most pi/8, half the width of the narrower pulse; clock 2 comes
     late by ``clock2_delay`` rad of clock 1.
     """
-    return _ramps(_cycles_from_pulse(phase, clock2_delay), half_window, duty).swapaxes(-1, -2)
+    return switch_averages_and_slopes(phase, half_window, clock2_delay, duty)[0]
 
 
 def switch_averages_and_slopes(
@@ -67,39 +67,18 @@ def switch_averages_and_slopes(
     duty: tuple[float, float] = DUTY,
 ) -> tuple[np.ndarray, np.ndarray]:
     """:func:`switch_averages` and their derivatives by phase, (..., n, 2); 0 without an edge."""
-    cycles = _cycles_from_pulse(phase, clock2_delay)
-    averages = _ramps(cycles.copy(), half_window, duty)
+    # From the nearest pulse's centre, and half a window, in cycles of each clock's own.
+    cycles = np.multiply.outer(phase, [0.5 / np.pi, 1 / np.pi]) - (0, 0.5 + clock2_delay / np.pi)
+    cycles -= np.rint(cycles)
+    half_window = np.asarray(half_window)[..., None, None]
+    half = half_window * (0.5 / np.pi, 1 / np.pi)
+    # A window that is shorter than pulse and gap sees one edge at most: the average is a ramp.
+    averages = np.clip((np.array(duty) / 2 + half - np.abs(cycles)) / (2 * half), 0, 1)
     # Both clocks' ramps are as steep: the second runs twice as fast and so does its window.
-    slopes = np.sign(cycles)
-    slopes *= -0.5 / np.asarray(half_window)[..., None, None]
-    slopes[(averages == 0.0) | (averages == 1.0)] = 0.0
-    return averages.swapaxes(-1, -2), slopes.swapaxes(-1, -2)
+    at_edge = (averages > 0) & (averages < 1)
+    return averages, np.where(at_edge, np.sign(cycles) * (-0.5 / half_window), 0)
 
 
 def duty_slopes(slopes: np.ndarray) -> np.ndarray:
     """Derivatives of s1 and s2 by their duty cycles, which move both edges, from the slopes."""
     return np.abs(slopes) * (np.pi, np.pi / 2)
-
-
-def _cycles_from_pulse(phase: np.ndarray, clock2_delay: float) -> np.ndarray:
-    """Cycles from the nearest pulse's centre, each clock in its own; (..., 2, n)."""
-    cycles = np.empty((*phase.shape[:-1], 2, phase.shape[-1]))
-    first, second = cycles[..., 0, :], cycles[..., 1, :]
-    np.multiply(phase, 1 / (2 * np.pi), out=first)
-    np.multiply(first, 2, out=second)
-    second -= 0.5 + clock2_delay / np.pi
-    cycles -= np.rint(cycles)
-    return cycles
-
-
-def _ramps(
-    cycles: np.ndarray, half_window: float | np.ndarray, duty: tuple[float, float]
-) -> np.ndarray:
-    """Averages of both waveforms at these cycles from the pulses' centres, in place."""
-    np.abs(cycles, out=cycles)
-    # A window that is shorter than pulse and gap sees one edge at most: the average is a ramp.
-    half = np.multiply.outer(half_window, [[0.5 / np.pi], [1 / np.pi]])
-    cycles -= np.array([[duty[0] / 2], [duty[1] / 2]]) + half
-    cycles *= -0.5 / half
-    np.maximum(cycles, 0.0, out=cycles)
-    return np.minimum(cycles, 1.0, out=cycles)

@@ -7,7 +7,6 @@ energy is spread over the subcarriers.
 """
 
 import base64
-import binascii
 import math
 from collections.abc import Callable
 from functools import partial
@@ -33,13 +32,18 @@ _SWEPT_BAND = 0.8
 _ROOT = 25 / 63
 
 
+def symbol_of(subcarriers: np.ndarray, values: np.ndarray, length: int) -> np.ndarray:
+    """Time samples (length,) of one OFDM symbol with unit mean power."""
+    spectrum = np.zeros(length, complex)
+    spectrum[subcarriers % length] = values
+    return np.fft.ifft(spectrum) * length / np.sqrt(np.sum(np.abs(values) ** 2))
+
+
 def repeated_symbol(length: int) -> np.ndarray:
     """The symbol of the waveform ``repeated``: X_k = exp(j pi k^2 / N) without k = 0 and N/2."""
     k = np.arange(-((length - 1) // 2), (length + 1) // 2)
     k = k[k != 0]
-    spectrum = np.zeros(length, complex)
-    spectrum[k % length] = np.exp(1j * np.pi * k**2 / length)
-    return np.fft.ifft(spectrum) * length / np.sqrt(len(k))
+    return symbol_of(k, np.exp(1j * np.pi * k**2 / length), length)
 
 
 def swept_symbol(length: int, part: float) -> np.ndarray:
@@ -136,7 +140,7 @@ def decode_symbol(text: str, where: object = "symbol") -> np.ndarray:
     rule = "must be samples of complex64 in base64"
     try:
         content = base64.b64decode(text, validate=True)
-    except (binascii.Error, ValueError):
+    except ValueError:
         raise InputError(where, rule) from None
     if len(content) % 8:
         raise InputError(where, rule, f"{len(content)} bytes")

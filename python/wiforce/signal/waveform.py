@@ -13,6 +13,7 @@ from .symbols import (
     SHORTEST_SYMBOL,
     SYMBOLS,
     read_symbol,
+    symbol_of,
     used_subcarriers,
 )
 
@@ -36,13 +37,6 @@ _WIFI_LONG = np.array(
 # Short training sequence: subcarrier -> sign of (1 + j).
 _WIFI_SHORT = {-24: 1, -20: -1, -16: 1, -12: -1, -8: -1, -4: 1}
 _WIFI_SHORT |= {4: -1, 8: -1, 12: 1, 16: 1, 20: 1, 24: 1}
-
-
-def _symbol(subcarriers: np.ndarray, values: np.ndarray, length: int) -> np.ndarray:
-    """Time samples of one OFDM symbol with unit mean power; complex128, shape (length,)."""
-    spectrum = np.zeros(length, complex)
-    spectrum[np.asarray(subcarriers) % length] = values
-    return np.fft.ifft(spectrum) * length / np.sqrt(np.sum(np.abs(values) ** 2))
 
 
 @dataclass(frozen=True)
@@ -272,8 +266,8 @@ def _wifi(name: str, frame_length: int, sample_rate_hz: float) -> Waveform:
     x = _WIFI_LONG[_WIFI_LONG != 0].astype(complex)
     short_k = np.array(list(_WIFI_SHORT))
     short_x = (1 + 1j) * np.array(list(_WIFI_SHORT.values()))
-    short = _symbol(short_k, short_x, _WIFI_SYMBOL)
-    long = _symbol(k, x, _WIFI_SYMBOL)
+    short = symbol_of(short_k, short_x, _WIFI_SYMBOL)
+    long = symbol_of(k, x, _WIFI_SYMBOL)
     preamble = np.concatenate([np.tile(short, 3)[:160], long[-32:], long, long])
     return Waveform(name, frame_length, sample_rate_hz, k, x, preamble, 192, 2)
 

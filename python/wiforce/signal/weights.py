@@ -247,7 +247,7 @@ def design_weights(
     """
     _check_settings(clocks_hz, group_length, snapshot_period_s, clutter_hz, harmonics)
     tones = tag_lines(clocks_hz, snapshot_period_s, group_length, harmonics, clutter_hz)
-    _check_tones(tones, clocks_hz)
+    _check_tones(tones, clocks_hz, "on which no other line falls, nor an alias of its own")
     n = centered_times_s(group_length, 1.0)
     grid = snapshot_period_s, centered_times_s(group_length, snapshot_period_s)
     frequencies = np.array([tone.frequency_hz for tone in tones])
@@ -298,12 +298,11 @@ def _check_settings(
         raise InputError("harmonics", "must be at least 4", harmonics)
 
 
-def _check_tones(tones: Sequence[Tone], clocks_hz: Sequence[float]) -> None:
+def _check_tones(tones: Sequence[Tone], clocks_hz: Sequence[float], line: str) -> None:
     alone = {tone.owners[0][0] for tone in tones if len(tone.owners) == 1}
     for tag, clock_hz in enumerate(clocks_hz):
         if tag not in alone:
-            rule = "must leave the tag a line on which no other line falls, nor an alias of its own"
-            raise InputError(f"clocks_hz[{tag}]", rule, clock_hz)
+            raise InputError(f"clocks_hz[{tag}]", f"must leave the tag a line {line}", clock_hz)
 
 
 # Lines of packets whose correlation over the times exceeds the first are one tone: sinc(0.3), as on
@@ -421,10 +420,7 @@ def timed_table(
             f"the tags beside clutter of {clutter_hz:g} Hz"
         )
         raise InputError("group_length", rule, len(times_s))
-    for tag, clock_hz in enumerate(clocks_hz):
-        if not any(len(tone.owners) == 1 and tone.owners[0][0] == tag for tone in tones):
-            rule = "must leave the tag a line that these packets distinguish from every other"
-            raise InputError(f"clocks_hz[{tag}]", rule, clock_hz)
+    _check_tones(tones, clocks_hz, "that these packets distinguish from every other")
     return replace(table, weights=found.weights)
 
 

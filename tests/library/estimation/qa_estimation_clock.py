@@ -5,16 +5,9 @@ import numpy as np
 import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.estimation.clocks.likelihood import PhaseLikelihood, acquire
-from gnuradio.wiforce.estimation.clocks.tracked_tag import ClockTracker
-from gnuradio.wiforce.estimation.groups import GroupWeights
 from gnuradio.wiforce.signal.weights import design_weights
 from gnuradio.wiforce.simulation.truth import read_truth
-from gnuradio.wiforce.wiforce_kernels import (
-    end_separation,
-    locked_tag,
-    noise_estimate,
-    phase_errors,
-)
+from gnuradio.wiforce.wiforce_kernels import phase_errors
 from long_cases import cases
 from plain import (
     TA,
@@ -47,15 +40,11 @@ def wrapped(radians):
     return (radians + np.pi) % (2 * np.pi) - np.pi
 
 
-def covariances_of(likelihood, table, air, groups):
-    """What the likelihood needs of each group, with the noise known."""
-    found = [likelihood.covariance(table.weights @ air.group(g), air.noise) for g in range(groups)]
-    return (np.arange(groups) + 0.5) * 625 * T - T / 2, np.array(found)
-
-
-def found_clock(likelihood, table, air, groups=11):
-    times, covariances = covariances_of(likelihood, table, air, groups)
-    return times, acquire(times, covariances, likelihood, RATE, 100.0, SUBCARRIERS)
+def found_clock(likelihood, table, air):
+    """The clock in eleven groups, with the noise known."""
+    times_s = (np.arange(11) + 0.5) * 625 * T - T / 2
+    found = [likelihood.covariance(table.weights @ air.group(g), air.noise) for g in range(11)]
+    return acquire(times_s, np.array(found), likelihood, RATE, 100.0, SUBCARRIERS)
 
 
 def true_phase(tag, time_s):
@@ -69,7 +58,7 @@ def test_acquisition_is_never_off_by_half_a_cycle(table, likelihood, gamma_db, r
     """It would ruin end 2: lines 2 and 6 hold both ends, with the wrong sign."""
     for seed in range(runs):
         tag = random_tag(np.random.default_rng([1, seed]))
-        _, fit = found_clock(likelihood, table, make_air(625, [tag], [2, seed], gamma_db))
+        fit = found_clock(likelihood, table, make_air(625, [tag], [2, seed], gamma_db))
         error = wrapped(fit.phase - true_phase(tag, fit.time_s))
         assert fit.found and abs(error) < 0.25
 
@@ -77,40 +66,27 @@ def test_acquisition_is_never_off_by_half_a_cycle(table, likelihood, gamma_db, r
 @pytest.mark.parametrize("seed", range(20))
 def test_acquisition_without_a_tag_finds_no_clock(table, likelihood, seed):
     air = make_air(625, [], seed, 0.0, static_db=60)
-    times, covariances = covariances_of(likelihood, table, air, 11)
-    assert not acquire(times, covariances, likelihood, RATE, 100.0, SUBCARRIERS).found
+    assert not found_clock(likelihood, table, air).found
 
 
 @pytest.mark.parametrize("gamma_db, seed", [(-15.0, 1), (-15.0, 2), (20.0, 3)])
 def test_acquisition_recognises_overlapping_pulses(table, likelihood, gamma_db, seed):
     """75 % about the same centres: inverted, and a quarter of Ts late."""
     tag = random_tag(np.random.default_rng(seed), clock2_delay_cycles=0.25)
-    _, fit = found_clock(likelihood, table, make_air(625, [tag], seed, gamma_db))
+    fit = found_clock(likelihood, table, make_air(625, [tag], seed, gamma_db))
     assert fit.found and fit.overlapping
 
 
-def test_tracker_of_a_drifting_weak_clock_does_not_slip(table, likelihood):
-    tag_on_air = TagOnAir(offset_ppm=-3.0, drift_ppm_per_s=0.5, untouched_deg=(0.0, 90.0))
-    air = make_air(625, [tag_on_air], 4, -15.0)
-    times, fit = found_clock(likelihood, table, air)
-    tracker, errors = ClockTracker(fit, times, RATE, SUBCARRIERS, air.noise.mean()), []
-    kernel = end_separation(1, 625, TA, False, 0.2, 0.0, 0.5, 20.0)
-    weights, noise, own = (
-        GroupWeights(table, np.ones((len(table.tones), 1))),
-        noise_estimate(625 * T),
-        fit.likelihood,
-    )
-    noise.set(air.noise, 1.0, 11)
-    for g in range(11, 400):
-        time, tones = (g + 0.5) * 625 * T - T / 2, table.weights @ air.group(g)
-        tag = locked_tag(0, tracker, own.kernel, own.rows, RATE, RATE, 0.0, own.duty, False)
-        found = kernel.process([tag], [weights], [time], [True], tones[None], noise, True)
-        assert found["locked"].all()
-        errors.append(wrapped(tracker.phase - true_phase(tag_on_air, time)))
+def test_tracker_of_a_drifting_weak_clock_does_not_slip():
+    tag = TagOnAir(offset_ppm=-3.0, drift_ppm_per_s=0.5, untouched_deg=(0.0, 90.0))
+    results = run_chain(make_plan(), make_air(625, [tag], 4, -15.0), 400)
+    assert results.locked.all()
+    center_s = (results.index + 0.5) * 625 * T - T / 2
+    errors = wrapped(results.clock_phase[:, 0] - true_phase(tag, center_s))
     # A slip is pi or more; phase noise at line 4 stays small against what separates the ends.
     assert np.max(np.abs(errors)) < 0.15
     assert np.degrees(np.sqrt(np.mean(np.square(errors)))) < 2.0
-    assert 1e6 * tracker.rate / RATE == pytest.approx(-3.0 + 0.5 * 400 * 0.036, abs=2.0)
+    assert results.clock_offset_ppm[-1, 0] == pytest.approx(-3.0 + 0.5 * 400 * 0.036, abs=2.0)
 
 
 @pytest.mark.parametrize(

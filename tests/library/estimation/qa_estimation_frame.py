@@ -21,13 +21,13 @@ from gnuradio.wiforce.estimation.capture.frame import (
     samples_needed,
 )
 from gnuradio.wiforce.signal.waveform import sounding_waveform
+from plain import normal
 from press_capture import array_source
 
 
-def stream(waveform, offset, frames=200, snr_db=-10.0, seed=1):
-    rng = np.random.default_rng(seed)
-    sent = np.roll(np.tile(waveform.frame(), frames), offset)
-    noise = rng.normal(size=(len(sent), 2)).view(complex)[:, 0] * 10 ** (-snr_db / 20) / np.sqrt(2)
+def stream(waveform, offset, snr_db=-10.0):
+    sent = np.roll(np.tile(waveform.frame(), 200), offset)
+    noise = 10 ** (-snr_db / 20) * normal(np.random.default_rng(1), len(sent))
     return sent + 0.5 * np.roll(sent, 11) + noise
 
 
@@ -47,7 +47,7 @@ def test_noise_and_a_dc_offset_are_not_taken_for_a_preamble(name, length):
     """Frames with a short guard were found in anything."""
     rng = np.random.default_rng(2)
     waveform = sounding_waveform(name, length)
-    noise = rng.normal(size=(length * 500, 2)).view(complex)[:, 0]
+    noise = np.sqrt(2) * normal(rng, length * 500)
     assert find_frame_offset(noise, waveform) is None
     for value in (0.0, np.nan, np.inf):
         assert find_frame_offset(np.full(10 * length, value, complex), waveform) is None
@@ -93,7 +93,7 @@ def received(name, length, count, snr_db, offset_hz=0.0):
     rng = np.random.default_rng(5)
     sent = np.tile(sounding_waveform(name, length).frame(), count // length + 2)
     paths = sent + 0.5j * np.roll(sent, 3) + 0.3 * np.roll(sent, 11) - 0.2 * np.roll(sent, 40)
-    noise = rng.normal(size=(count, 2)).view(complex)[:, 0] * 10 ** (-snr_db / 20) / np.sqrt(2)
+    noise = 10 ** (-snr_db / 20) * normal(rng, count)
     turning = np.exp(2j * np.pi * offset_hz / 12.5e6 * np.arange(count))
     return paths[137 : 137 + count] * turning + noise
 
@@ -129,7 +129,7 @@ def test_find_frame_period_without_preambles_finds_none():
     """Tones, DC and bursts of noise repeat as well; read as frames, they gave readings."""
     rng = np.random.default_rng(6)
     count = samples_needed(720)
-    noise = 0.01 * rng.normal(size=(count, 2)).view(complex)[:, 0]
+    noise = 0.014 * normal(rng, count)
     tone = np.exp(0.1j * np.arange(count))
     bursts = 100 * noise * (np.arange(count) % 5000 < 1000)
     for signal in (0, 1, tone, bursts):
@@ -257,17 +257,6 @@ def test_follower_keeps_frames_of_another_clock_in_place(ppm):
     assert follower.period / LENGTH - 1 == pytest.approx(1e-6 * ppm, abs=2e-6)
     assert np.abs(late - late[0]).max() < 4  # while the period is learned
     assert np.abs(late[900:] - late[0]).max() < 1.6
-
-
-def test_follower_after_a_known_gap_goes_on_with_the_next_whole_frame():
-    follower, items = FrameFollower(LENGTH), received_by_antennas(-40)
-    start, lost = 1000 * LENGTH + 123, 5 * LENGTH + 77
-    parts = [follower.take(items[:start]), follower.lose(lost, 4)]
-    before = sum(map(len, parts)) // LENGTH
-    parts.append(follower.take(items[start + lost :]))
-    late = delays(np.concatenate(parts))
-    assert before == 1000 and follower.lost == 6 and follower.moved == 0
-    assert np.abs(late[900:] - late[0]).max() < 1.5
 
 
 def test_follower_finds_frames_after_an_unknown_loss():

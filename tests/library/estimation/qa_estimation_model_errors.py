@@ -64,18 +64,18 @@ def test_channel_with_another_path_raises_the_variance():
     assert np.median(factor) == 1
 
 
-def compressed_frames(share, offset=0.0, before=True, delay=0.0, frames=3):
+def compressed_frames(share, offset, before):
     """Frames of three static paths through a third-order receiver; and the linear symbol."""
     spectrum, cycles = np.fft.fft(WAVEFORM.frame()), np.fft.fftfreq(WAVEFORM.frame_length)
     linear = sum(
-        level * np.fft.ifft(spectrum * np.exp(-2j * np.pi * cycles * (lag + delay)))
+        level * np.fft.ifft(spectrum * np.exp(-2j * np.pi * cycles * lag))
         for lag, level in [(0, 1.0), (1, 0.4j), (3, -0.2)]
     )
     largest = np.abs(linear).max()
     drive = linear + (offset if before else 0)
     received = drive * (1 - share * np.abs(drive / largest) ** 2)
     received += 0 if before else offset
-    return np.tile(received, frames), linear[64:128], largest
+    return np.tile(received, 3), linear[64:128], largest
 
 
 @pytest.mark.parametrize("before", [True, False])

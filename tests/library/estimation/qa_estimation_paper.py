@@ -9,8 +9,6 @@ from gnuradio.wiforce.signal.weights import design_weights
 from plain import WAVEFORM, T, averaged_groups, errors_deg, make_air, make_plan, run_chain
 from wiforce_app.bench.air import TagOnAir
 
-STILL = TagOnAir(start_cycles=0.2, untouched_deg=(20.0, -70.0), touched_deg=(75.0, -10.0))
-
 
 def test_paper_tones_exclude_lost_snapshots():
     table = design_weights([1000.0], 625, T, rectangular=True)

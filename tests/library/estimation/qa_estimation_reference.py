@@ -30,19 +30,10 @@ def group_of(index, ends, gain, noise=1.0):
     )
 
 
-def averaged(groups, difference, tare_at=None):
-    """Groups with their ratios, given one after the other; a tare before group ``tare_at``."""
-    average, ready = SubcarrierAverage(), []
-    for group in groups:
-        if group.index[0] == tare_at:
-            difference.tare()
-        ready.append(average.process(difference.process(group)))
-    return Groups.concatenate(ready)
-
-
-def angles_of(groups, end=0):
-    """arg R in degrees of one end."""
-    return np.degrees(np.angle(groups.ratios[:, end]))
+def averaged(groups, difference):
+    """Groups with their ratios, given one after the other."""
+    average = SubcarrierAverage()
+    return Groups.concatenate(average.process(difference.process(group)) for group in groups)
 
 
 def test_ratio_equals_the_weighted_conjugate_product_over_the_reference():
@@ -80,7 +71,7 @@ def test_reference_discarded_group_is_not_replaced_by_a_later_one():
         group_of(g, channel * (1j if g >= 4 else 1), [np.inf if g in (0, 2) else 1e-9, 1e-9])
         for g in range(8)
     ]
-    angles = angles_of(averaged(groups, ConjugateDifference(2, 4)))
+    angles = np.angle(averaged(groups, ConjugateDifference(2, 4)).ratios[:, 0], deg=True)
     assert angles == pytest.approx([0] * 4 + [90] * 4, abs=1e-6)
 
 

@@ -19,41 +19,20 @@ from plain import (
 from wiforce_app.bench.air import TagOnAir
 
 
-class Separation:
-    """The separator behind the tones of a run's snapshots."""
-
-    def __init__(self, clocks_hz=(1000.0,), clutter_hz=0.0, group_length=625):
-        self.table = design_weights(clocks_hz, group_length, T, clutter_hz)
-        clocks = [TagClock(f) for f in clocks_hz]
-        self._stage = EndSeparator(self.table, clocks, WAVEFORM, derotated=False)
-
-    def tones(self, snapshots):
-        with np.errstate(invalid="ignore"):
-            return self.table.weights @ snapshots
-
-    def run(self, snapshots):
-        """All groups, given one after the other as snapshots (N, K)."""
-        return self.run_tones(map(self.tones, snapshots))
-
-    def run_tones(self, tones):
-        """As ``run``, of tones (M, K)."""
-        ready = [self._stage.process(Groups([g], item[None])) for g, item in enumerate(tones)]
-        return Groups.concatenate([*ready, self._stage.flush()])
-
-
-def separate(air, groups, clutter_hz=0.0, **how):
-    """Groups of a tag at 1 kHz with their ends."""
-    return Separation(clutter_hz=clutter_hz).run(air.group(g, **how) for g in range(groups))
-
-
-def loss_db(errors, bound):
-    return 10 * np.log10(np.mean((errors / bound) ** 2, axis=0))
+def separate(snapshots, clutter_hz=0.0):
+    """Groups of a tag at 1 kHz with their ends, of snapshots (N, K) given group by group."""
+    table = design_weights((1000.0,), 625, T, clutter_hz)
+    stage, ready = EndSeparator(table, [TagClock(1000.0)], WAVEFORM, derotated=False), []
+    with np.errstate(invalid="ignore"):
+        for group, own in enumerate(snapshots):
+            ready.append(stage.process(Groups([group], (table.weights @ own)[None])))
+    return Groups.concatenate([*ready, stage.flush()])
 
 
 def test_separation_stated_noise_gain_and_snr_match_the_errors():
     tag = TagOnAir(offset_ppm=20.0, start_cycles=0.1, untouched_deg=(35.0, -80.0))
     air = make_air(625, [tag], 3, 5.0)
-    results = separate(air, 80)
+    results = separate(map(air.group, range(80)))
     errors = results.ends[11:] - air.ends(False)
     seen = np.mean(np.abs(errors) ** 2, axis=(0, 2))
     stated = np.mean(results.gain[11:], axis=0) * air.noise[0]
@@ -95,7 +74,8 @@ def test_phases_stay_near_the_bound(gamma_db, clutter_hz, around, others_hz, los
         bound = air.bound_deg(reference_groups=12, clutter_hz=clutter_hz, mask=masks[20])
         ratios.append(errors_deg(results, tags) / bound)
     # 150 errors know the loss, .3 dB or so, to 1 dB.
-    assert np.max(loss_db(np.concatenate(ratios), 1.0)) < 1.5
+    excess = np.mean(np.concatenate(ratios) ** 2, axis=0)
+    assert np.max(10 * np.log10(excess)) < 1.5
 
 
 def test_separation_group_with_few_snapshots_is_discarded():
@@ -126,7 +106,7 @@ def test_separation_invalid_group_is_empty_and_affects_no_other(broken):
     snapshots = [air.group(g) for g in range(30)]
     for g in (3, 20):
         snapshots[g][100 if broken else slice(None)] = broken
-    results = Separation().run(snapshots)
+    results = separate(snapshots)
     hurt = np.isin(np.arange(30), (3, 20))
     assert np.array_equal(results.locked[:, 0], ~hurt)
     assert np.all(np.isfinite(results.ends)) and np.all(np.isfinite(results.noise))
@@ -135,7 +115,7 @@ def test_separation_invalid_group_is_empty_and_affects_no_other(broken):
 
 def test_separation_tag_switched_off_is_not_locked():
     air = make_air(625, [TagOnAir()], 17, 10.0, static_db=60, movers_db=20)
-    results = separate(air, 60, clutter_hz=250.0, on=False)
+    results = separate((air.group(g, on=False) for g in range(60)), 250.0)
     assert len(results) == 60
     assert not results.locked.any()
 
@@ -174,7 +154,7 @@ def test_separation_loud_group_does_not_hide_the_tag_in_others():
     air = make_air(625, [tag], 9, 5.0)
     snapshots = [air.group(g) for g in range(24)]
     snapshots[5] = snapshots[5] + 300 * np.random.default_rng(10).standard_normal((625, 62))
-    results = Separation().run(snapshots)
+    results = separate(snapshots)
     assert results.locked.all()
     # What it did to the usual noise is gone after some groups.
     assert results.noise[0].mean() == pytest.approx(air.noise[0], rel=0.1)
@@ -185,7 +165,7 @@ def test_separation_press_inside_a_group_raises_its_gain():
     tag = TagOnAir(untouched_deg=(0.0, 0.0), touched_deg=(120.0, 90.0))
     air = make_air(625, [tag], 25, 20.0)
     inside = np.arange(625) > 300
-    gains = Separation().run(air.group(g, inside if g == 15 else g > 15) for g in range(20)).gain
+    gains = separate(air.group(g, inside if g == 15 else g > 15) for g in range(20)).gain
     assert np.all(gains[15] > 3 * gains[14])
     assert np.all(gains[16:] < 1.3 * gains[14])
 
@@ -196,7 +176,7 @@ def test_separation_clock_jump_raises_the_gain_until_reacquired(turn_cycles):
         make_air(625, [TagOnAir(start_cycles=start, untouched_deg=(35.0, -80.0))], 23, 10.0)
         for start in (0.2, 0.2 + turn_cycles)
     )
-    results = Separation().run((before, after)[g >= 30].group(g) for g in range(44))
+    results = separate((before, after)[g >= 30].group(g) for g in range(44))
     gains, ends = results.gain, results.ends
     assert np.all(gains[30:37] > 3 * gains[20])
     # Eight groups, of which none was as before.
@@ -209,7 +189,7 @@ def test_separation_clock_jump_raises_the_gain_until_reacquired(turn_cycles):
 def test_separation_noise_step_is_stated_within_half_a_second(change_db):
     tag = TagOnAir(offset_ppm=20.0, start_cycles=0.1, untouched_deg=(35.0, -80.0))
     before, after = (make_air(625, [tag], 21, gamma) for gamma in (10.0, 10.0 - change_db))
-    results = Separation().run((before, after)[g >= 40].group(g) for g in range(54))
+    results = separate((before, after)[g >= 40].group(g) for g in range(54))
     stated_db = 10 * np.log10(np.mean(results.noise[-1]) / before.noise[0])
     # 8 groups of 868 degrees of freedom tell it to 4 %, whose median to 5 %.
     assert stated_db == pytest.approx(change_db, abs=0.5)

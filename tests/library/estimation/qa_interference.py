@@ -8,7 +8,6 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from chain_runs import assert_equal_readings, readings_of_reader
-from gnuradio import wiforce
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.plan import plan
@@ -17,7 +16,7 @@ from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.simulator import simulate
-from press_capture import DEFAULT, array_source
+from press_capture import DEFAULT, codes_of, source_of
 from rooms.effects import Air
 from rooms.radio import Bursts, Hopper
 
@@ -37,9 +36,9 @@ def scene_of(clocks=(1000,), waveform="repeated", snapshots=625, **simulation):
 
 
 def captured(scene, name):
-    """Write a scene's capture; its codes, int16 of shape (n, 2)."""
+    """Write a scene's capture; its codes."""
     simulate(scene, name)
-    return np.fromfile(f"{name}.sigmf-data", "<i2").reshape(-1, 2)
+    return codes_of(name)
 
 
 def copy_with(codes, source, name):
@@ -55,12 +54,12 @@ def noise_power(codes):
     return 2 * np.mean(frames[:, 450:].astype(float) ** 2)
 
 
-def with_transmissions(codes, effect, seed):
+def with_transmissions(codes, effect):
     """Codes to which another transmitter of ``rooms`` is added."""
     whole = codes[: len(codes) // FRAME * FRAME].astype(np.float32)
     frames = whole.view(np.complex64).reshape(-1, FRAME)
     air = Air(None, np.sqrt(noise_power(codes)), None, len(frames))
-    effect.begin(air, np.random.default_rng(seed))
+    effect.begin(air, np.random.default_rng(3))
     effect.add(frames, 0)
     return np.clip(np.rint(whole), -32768, 32767)
 
@@ -93,32 +92,6 @@ def press(tmp_path_factory):
     return name, scene, captured(scene, name)
 
 
-def test_screen_bursts_10_db_above_noise_are_rejected_where_they_are(press, tmp_path):
-    """A burst in a quarter of a snapshot already doubles the noise of its group's share."""
-    name, scene, codes = press
-    rng = np.random.default_rng(7)
-    frames = codes[: len(codes) // FRAME * FRAME].reshape(-1, FRAME, 2).astype(float)
-    starts = np.arange(20, len(frames) - 20, 20) + rng.integers(0, 5, len(frames) // 20 - 1)
-    hit, partly = np.zeros((2, len(frames)), bool)
-    amplitude = np.sqrt(noise_power(codes) * 10 / 2)
-    for start in starts:
-        frames[start : start + 3] += rng.normal(0, amplitude, (3, FRAME, 2))
-        # The burst begins in one of the repetitions of the frame before.
-        frames[start - 1, rng.integers(64, 310) :] += rng.normal(0, amplitude, 2)
-        hit[start : start + 3], partly[start - 1] = True, True
-    copy_with(frames.reshape(-1, 2), name, tmp_path / "hit")
-    groups = groups_of(scene, tmp_path / "hit")
-    kept = groups.snapshot_weights.ravel() > 0
-    hit, partly = hit[: len(kept)], partly[: len(kept)]
-    assert hit.sum() > 1500
-    assert np.mean(kept[hit]) < 0.005
-    # Neighbours of bursts are lost where they hold an edge of the tag, one in eight.
-    assert np.mean(~kept[~hit & ~partly]) < 0.03
-    shares = np.mean(~kept.reshape(-1, 125), axis=1)
-    np.testing.assert_allclose(groups.interference, shares)
-    assert not groups.missing.any()
-
-
 def phase_errors(scene, readings):
     """In degrees, of both ends, while the press is held."""
     model = scene.load_model("line-900mhz")
@@ -138,12 +111,16 @@ def rms(errors):
     return np.sqrt(np.mean(errors**2))
 
 
+def hit_by(effect, press, tmp_path_factory):
+    """The capture with another transmitter of ``rooms``."""
+    (name, _, codes), folder = press, tmp_path_factory.mktemp("interference")
+    return copy_with(with_transmissions(codes, effect), name, folder / "hit")
+
+
 @pytest.fixture(scope="module")
 def bursty(press, tmp_path_factory):
     """The capture with bursts 25 dB above the noise for 20 % of the time."""
-    name, _, codes = press
-    hit = with_transmissions(codes, Bursts(0.2, 25), seed=3)
-    return copy_with(hit, name, tmp_path_factory.mktemp("interference") / "bursts")
+    return hit_by(Bursts(0.2, 25), press, tmp_path_factory)
 
 
 def test_read_with_bursts_stays_at_the_bound(press, bursty):
@@ -172,9 +149,7 @@ def test_read_groups_hit_as_a_whole_have_no_values_and_are_flagged(press, tmp_pa
 @pytest.fixture(scope="module")
 def hopped(press, tmp_path_factory):
     """The capture with a narrow-band transmitter 30 dB above the noise."""
-    name, _, codes = press
-    hit = with_transmissions(codes, Hopper(0.5, 30), seed=3)
-    return copy_with(hit, name, tmp_path_factory.mktemp("interference") / "hopper")
+    return hit_by(Hopper(0.5, 30), press, tmp_path_factory)
 
 
 def test_read_with_hopper_loses_subcarriers_and_no_groups(press, hopped):
@@ -203,14 +178,7 @@ def test_stream_with_interference_is_read_as_the_recording(
     """Live readings must be as good as those of a recording of the same signal."""
     _, scene, _ = press
     hit = request.getfixturevalue(interference)
-    codes = np.fromfile(f"{hit}.sigmf-data", "<i2").reshape(-1, 2)
-    if input_type == "folded":
-        source = wiforce.capture_source(hit, scene)
-    elif input_type == "sc16":
-        source = array_source(codes)
-    else:
-        samples = (codes / np.float32(32768)).astype(np.float32).view(np.complex64)[:, 0]
-        source = array_source(samples)
+    source = source_of(hit, scene, input_type)
     found = readings_of_reader(scene, source, input_type=input_type)
     # A stream without reported gaps ends with its last whole group, as a recording does.
     assert_equal_readings(found, read(scene, hit))

@@ -18,6 +18,7 @@ from gnuradio.wiforce.planning.plan import Plan, plan
 from gnuradio.wiforce.signal.lines import RoomNoise
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.signal.weights import design_weights
+from plain import normal
 
 WAVEFORM = sounding_waveform()
 T = WAVEFORM.snapshot_period_s
@@ -30,7 +31,7 @@ def db(ratio):
     return 10 * np.log10(ratio)
 
 
-def square(clock_hz, seed, ends=2):
+def square(clock_hz, seed):
     """A tag that two switches connect: on for 1/4 of the period, half a period apart."""
     rng = np.random.default_rng(seed)
     fine = 16  # instants over the averaged part of a frame
@@ -39,44 +40,35 @@ def square(clock_hz, seed, ends=2):
     # Clock 1 with pulses of 1/4 period, clock 2 with two pulses of 1/8 at twice the frequency.
     first = np.mean((cycles % 1) < 0.25, axis=1)
     second = np.mean(((2 * (cycles - 0.375)) % 1) < 0.25, axis=1)
-    phases = np.exp(2j * np.pi * rng.random((ends, 1, CARRIERS)))
+    phases = np.exp(2j * np.pi * rng.random((2, 1, CARRIERS)))
     return phases[0] * first[:, None] + phases[1] * second[:, None]
 
 
-def room(*parts, seed=1, noise=1.0, static=STATIC, own=4.0):
+def room(*parts, noise=1.0):
     """Channel of a room: static path, the scene's tag, noise, and what is given; (COUNT, 62)."""
-    rng = np.random.default_rng(seed)
-    white = rng.standard_normal((COUNT, CARRIERS, 2)) @ [np.sqrt(0.5), 1j * np.sqrt(0.5)]
-    channel = static + noise * white
-    if own:
-        channel = channel + own * square(OWN_HZ, 0)
-    for part in parts:
-        channel = channel + part
-    return channel
+    white = normal(np.random.default_rng(1), COUNT, CARRIERS)
+    return sum(parts, STATIC + noise * white + 4 * square(OWN_HZ, 0))
 
 
-def lamps(mains_hz, amplitude, off=1.0002):
+def lamps(mains_hz, amplitude):
     """Lines at all multiples of twice the mains frequency, falling as 1/h."""
     orders = np.arange(1, int(8000 / (2 * mains_hz)))
     phase = np.random.default_rng(7).random(len(orders))
-    turns = 2 * np.pi * (np.outer(TIME_S, 2 * mains_hz * off * orders) + phase)
+    turns = 2 * np.pi * (np.outer(TIME_S, 2 * mains_hz * 1.0002 * orders) + phase)
     return (2 * amplitude * np.cos(turns) @ (1 / orders))[:, None]
 
 
-def walker(fastest_hz, level, seed=5):
-    """Doppler lines at random frequencies up to a highest one; mean power ``level``^2."""
-    rng = np.random.default_rng(seed)
+def walker(fastest_hz):
+    """Doppler lines at random frequencies up to a highest one; mean power 40^2."""
+    rng = np.random.default_rng(5)
     hertz = np.r_[rng.uniform(-fastest_hz, fastest_hz, 60), fastest_hz, -fastest_hz]
-    gains = level * np.exp(2j * np.pi * rng.random((len(hertz), CARRIERS))) / np.sqrt(len(hertz))
+    gains = 40 * np.exp(2j * np.pi * rng.random((len(hertz), CARRIERS))) / np.sqrt(len(hertz))
     return np.exp(2j * np.pi * np.outer(TIME_S, hertz)) @ gains
 
 
-def settings(clock_hz=1040.0, **environment):
-    scene = {
-        "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": clock_hz}],
-        "environment": environment,
-    }
-    return plan(scene)
+def settings(**environment):
+    sensor = {"name": "arm", "model": "line-900mhz", "clock_hz": 1040.0}
+    return plan({"sensors": [sensor], "environment": environment})
 
 
 @pytest.fixture(scope="module")
@@ -184,7 +176,7 @@ def test_lamps_and_tags_are_no_motion(own_plan):
     """Aliased lines near zero would widen the clutter band for nothing."""
     still = surveyed(room(lamps(50, 8.0), 2 * square(1730.0, 2)), own_plan)
     assert still.moving_hz() == 0
-    moving = surveyed(room(lamps(50, 8.0), walker(120.0, 40.0)), own_plan)
+    moving = surveyed(room(lamps(50, 8.0), walker(120.0)), own_plan)
     assert moving.moving_hz() == pytest.approx(120, abs=2 * moving.resolution_hz)
 
 
@@ -198,7 +190,7 @@ def test_short_survey_takes_no_second_line_for_a_clock(own_plan):
 def test_clutter_wider_than_planned_widens_the_band(own_plan):
     """What the weights do not reject makes readings wrong."""
     short = replace(own_plan, clutter_hz=30.0)
-    survey = surveyed(room(walker(80.0, 40.0)), own_plan)
+    survey = surveyed(room(walker(80.0)), own_plan)
     wider = adapted(short, survey)
     assert wider.clutter_hz > 80
     (finding,) = [each for each in findings(survey, short, wider) if each.kind == "clutter"]
@@ -265,8 +257,7 @@ def test_whitened_tones_have_unit_variance_in_that_room(disturbed):
     rng = np.random.default_rng(11)
     factor = np.linalg.cholesky(covariance(400))
     trials = 4000
-    white = rng.standard_normal((400, trials, 2)) @ [np.sqrt(0.5), 1j * np.sqrt(0.5)]
-    tones = table.whitener @ (table.parts @ (factor @ white))
+    tones = table.whitener @ (table.parts @ (factor @ normal(rng, 400, trials)))
     power = np.mean(np.abs(tones) ** 2, axis=1)
     # Mean of 4000 exponentials: standard deviation 1.6 %.
     assert power == pytest.approx(np.ones(len(power)), abs=5 / np.sqrt(trials))
@@ -318,7 +309,7 @@ def test_room_that_leaves_no_line_is_suppressed_less(own_plan, monkeypatch):
 def test_adapted_settings_whose_lines_do_not_separate_are_not_used(own_plan, monkeypatch):
     """The weights could not be designed, and a room that is read worse would not be read at all."""
     short = replace(own_plan, clutter_hz=30.0)
-    survey = surveyed(room(walker(80.0, 40.0), 1.5 * square(1300.04, 3)), own_plan)
+    survey = surveyed(room(walker(80.0), 1.5 * square(1300.04, 3)), own_plan)
     better = adapted(short, survey)
     assert better.clutter_hz > 30 and better.others
     monkeypatch.setattr(Plan, "separable", property(lambda _: False))

@@ -5,11 +5,11 @@ import threading
 
 import numpy as np
 import pytest
+from chain_runs import assert_equal_readings
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.io.readings import NUMBERS
 from gnuradio.wiforce.receiver import Receiver, recording
 from gnuradio.wiforce.wiforce_kernels import end_separation
 from plain import make_air
@@ -29,8 +29,8 @@ def make_plan(sensors=1, snapshots=625, estimator="harmonic"):
     return wiforce.plan(scene, snapshots, estimator)
 
 
-def recorded_groups(plan, first, count, untouched=(), **faults):
-    """Groups of tones from ``first`` on, pressed in all but the reference and ``untouched``.
+def recorded_groups(plan, count, untouched=(), **faults):
+    """Groups of tones, pressed in all but the reference and ``untouched``.
 
     ``incomplete`` maps an index to the mask of its snapshots; ``saturated``, ``retuned`` and
     ``absent`` are indices.
@@ -52,7 +52,7 @@ def recorded_groups(plan, first, count, untouched=(), **faults):
     air = make_air(plan.group_length, tags, 1, 25.0, static_db=40)
     incomplete = faults.get("incomplete", {})
     rows = []
-    for g in range(first, first + count):
+    for g in range(count):
         snapshots = air.group(g, g >= plan.reference_groups and g not in untouched)
         if g in faults.get("absent", ()):
             continue
@@ -88,21 +88,6 @@ def readings_of(plan, groups, size, tare_at=None, tracked=False):
     return readings + receiver.finish()
 
 
-def assert_equal(readings, others):
-    """The same readings but for rounding.
-
-    It may move an explanation of a press across the weight of 1e-4 below which none is inverted.
-    """
-    assert [(r.sensor, r.touch, r.flags) for r in readings] == [
-        (r.sensor, r.touch, r.flags) for r in others
-    ]
-    for name in NUMBERS:
-        found, expected = (
-            np.array([getattr(r, name) for r in each], float) for each in (readings, others)
-        )
-        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6, err_msg=name)
-
-
 def faulty_groups(plan):
     """A run with everything that may happen to a group, and the index of its tare.
 
@@ -113,7 +98,6 @@ def faulty_groups(plan):
     start = plan.reference_groups + 3
     groups = recorded_groups(
         plan,
-        0,
         start + start + 31,
         untouched=range(start + 22, start + start + 25),
         incomplete={3: masks[0], start + 2: masks[1], start + 3: masks[2]},
@@ -135,7 +119,7 @@ def run(request):
 def test_receiver_batches_of_any_size_give_equal_readings(run):
     plan, groups, tare_at, expected = run
     for size in (7, None):
-        assert_equal(readings_of(plan, groups, size, tare_at), expected)
+        assert_equal_readings(readings_of(plan, groups, size, tare_at), expected)
 
 
 @pytest.mark.parametrize(
@@ -146,7 +130,7 @@ def test_receiver_other_estimators_do_not_depend_on_the_batches(settings, tracke
     plan = make_plan(**settings)
     groups, tare_at = faulty_groups(plan)
     expected = readings_of(plan, groups, 1, tare_at, tracked=tracked)
-    assert_equal(readings_of(plan, groups, None, tare_at, tracked=tracked), expected)
+    assert_equal_readings(readings_of(plan, groups, None, tare_at, tracked=tracked), expected)
 
 
 @pytest.mark.parametrize("sensors, snapshots, share", [(1, 625, 0.08), (2, 125, 0.03)])
@@ -155,7 +139,7 @@ def test_receiver_noise_that_changes_in_a_batch_does_not_depend_on_the_batches(
 ):
     """The clocks are tracked by the new noise from the same group on."""
     plan = make_plan(sensors, snapshots)
-    groups = recorded_groups(plan, 0, 130)
+    groups = recorded_groups(plan, 130)
     rng = np.random.default_rng(4)
     noise = rng.standard_normal((*groups.tones.shape, 2)) @ (1, 1j)
     level = np.std(groups.tones[1:] - groups.tones[:-1], axis=(0, 2))[:, None]
@@ -172,7 +156,7 @@ def test_receiver_noise_that_changes_in_a_batch_does_not_depend_on_the_batches(
     monkeypatch.setattr(end_separation, "process", note)
     expected = readings_of(plan, groups, 1)
     for size in (7, None):
-        assert_equal(readings_of(plan, groups, size), expected)
+        assert_equal_readings(readings_of(plan, groups, size), expected)
     assert seen == {False, True}  # a step of the noise, and a lost model
 
 
@@ -180,11 +164,11 @@ def test_receiver_noise_that_changes_in_a_batch_does_not_depend_on_the_batches(
 def test_receiver_tare_while_groups_are_held_back_does_not_depend_on_the_batches(tare_at):
     """During the acquisition of the clocks, and while the reference is taken."""
     plan = make_plan()
-    groups = recorded_groups(plan, 0, 40, untouched=range(30))
+    groups = recorded_groups(plan, 40, untouched=range(30))
     expected = readings_of(plan, groups, 1, tare_at)
     assert len(expected) == 40
-    assert_equal(readings_of(plan, groups, 7, tare_at), expected)
-    assert_equal(readings_of(plan, groups, None, tare_at), expected)
+    assert_equal_readings(readings_of(plan, groups, 7, tare_at), expected)
+    assert_equal_readings(readings_of(plan, groups, None, tare_at), expected)
 
 
 def test_receiver_every_fault_is_flagged_where_it_is(run):
@@ -212,7 +196,7 @@ def test_receiver_every_fault_is_flagged_where_it_is(run):
 def test_receiver_finish_gives_what_is_held_back(count):
     """Runs that end before the clocks or the reference are known lose no group."""
     plan = make_plan()
-    groups = recorded_groups(plan, 0, 20)[:count]
+    groups = recorded_groups(plan, 20)[:count]
     receiver = Receiver(plan, derotated=False)
     ready = receiver.process(groups) if count else []
     assert len(ready) == (19 if count == 20 else 0)
@@ -236,7 +220,7 @@ def test_receiver_finish_gives_what_is_held_back(count):
 def test_receiver_batch_of_another_shape_is_refused(change, message):
     """Arrays of another plan would broadcast, and give readings without meaning."""
     plan = make_plan()
-    groups = recorded_groups(plan, 0, 3).having(**change)
+    groups = recorded_groups(plan, 3).having(**change)
     with pytest.raises(InputError, match=message):
         Receiver(plan, derotated=False).process(groups)
 
@@ -244,7 +228,7 @@ def test_receiver_batch_of_another_shape_is_refused(change, message):
 def test_receiver_batch_that_steps_back_is_refused():
     """Its groups would be taken for those that another receiver has read, and be lost."""
     plan = make_plan()
-    groups, receiver = recorded_groups(plan, 0, 6), Receiver(plan, derotated=False)
+    groups, receiver = recorded_groups(plan, 6), Receiver(plan, derotated=False)
     receiver.process(groups[:4])
     with pytest.raises(InputError, match=r"groups.index: must rise .* from 3 on"):
         receiver.process(groups[3:])

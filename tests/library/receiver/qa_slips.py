@@ -4,17 +4,19 @@
 import copy
 import json
 import shutil
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from chain_runs import readings_of_reader
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.estimation.capture import folded_groups
 from gnuradio.wiforce.estimation.capture.folded_groups import Slips, SnapshotGroup
 from gnuradio.wiforce.receiver.stream import GroupsInPlace
 from long_cases import cases
-from press_capture import DEFAULT, array_source
+from press_capture import DEFAULT, codes_of, source_of
 
 # Half the usual rate takes half the time; frames and groups last as long, and half of a frame is
 # silent, as usual.
@@ -25,52 +27,49 @@ SCENE = DEFAULT | {
 }
 
 
-@pytest.fixture(scope="module")
-def press(tmp_path_factory):
-    """A press of 4 N from 0.8 s on, behind a reference of 0.5 s."""
-    return press_of(tmp_path_factory)
+ANTENNAS = ("", ".antenna2")  # suffixes of their captures
 
 
-@pytest.fixture(scope="module")
-def whole(press):
-    """Its readings where nothing is lost."""
-    return wiforce.read(press)
-
-
-@pytest.fixture(scope="module")
-def press_of_two(tmp_path_factory):
-    """The same, received by two antennas of a receiver with its own clock."""
-    return press_of(tmp_path_factory, reader_clock="free", receive_antennas=2)
-
-
-@pytest.fixture(scope="module")
-def whole_of_two(press_of_two):
-    return wiforce.read(press_of_two)
-
-
-def press_of(tmp_path_factory, **environment):
-    name = tmp_path_factory.mktemp("slip") / "press"
-    wiforce.simulate(scene_with(**environment), name)
-    return name
-
-
-def scene_with(**environment):
-    scene = copy.deepcopy(SCENE) | {"reference_s": 0.5, "environment": environment}
+def scene_of(antennas):
+    """A press of 4 N from 0.8 s on; two antennas are of a receiver with its own clock."""
+    scene = copy.deepcopy(SCENE) | {"reference_s": 0.5}
+    clock = "free" if antennas == 2 else "shared"
+    scene["environment"] = {"reader_clock": clock, "receive_antennas": antennas}
     scene["simulation"]["duration_s"] = 1.4
     scene["simulation"]["presses"][0]["start_s"] = 0.8
     return scene
 
 
-def slip(capture, name, at_s, lost):
-    """Write a capture without some samples, or with more of them."""
-    codes = np.fromfile(f"{capture}.sigmf-data", "<i2").reshape(-1, 2)
-    at = int(at_s * RATE_HZ)
-    if lost > 0:
-        codes = np.delete(codes, slice(at, at + lost), axis=0)
-    else:
-        codes = np.insert(codes, [at] * -lost, codes[at], axis=0)
-    codes.tofile(f"{name}.sigmf-data")
-    shutil.copy(f"{capture}.sigmf-meta", f"{name}.sigmf-meta")
+@pytest.fixture(scope="module")
+def press(tmp_path_factory):
+    """The capture by so many antennas."""
+
+    @cache
+    def captured(antennas):
+        name = tmp_path_factory.mktemp("slip") / "press"
+        wiforce.simulate(scene_of(antennas), name)
+        return name
+
+    return captured
+
+
+@pytest.fixture(scope="module")
+def whole(press):
+    """Its readings where nothing is lost."""
+    return cache(lambda antennas: wiforce.read(press(antennas)))
+
+
+def slipped(capture, folder, at_s, *lost):
+    """The capture without some samples of each antenna, or with more of them."""
+    for suffix, count in zip(ANTENNAS, lost, strict=False):
+        codes, at = codes_of(f"{capture}{suffix}"), int(at_s * RATE_HZ)
+        if count > 0:
+            codes = np.delete(codes, slice(at, at + count), axis=0)
+        else:
+            codes = np.insert(codes, [at] * -count, codes[at], axis=0)
+        codes.tofile(f"{folder / 'a'}{suffix}.sigmf-data")
+        shutil.copy(f"{capture}{suffix}.sigmf-meta", f"{folder / 'a'}{suffix}.sigmf-meta")
+    return folder / "a"
 
 
 def assert_only_groups_of_a_slip_are_lost(readings, whole):
@@ -94,36 +93,28 @@ def test_samples_lost_within_the_reference_cost_their_groups_only(
 
     Less than none are lost where some are inserted, which looks like a loss of most of a frame.
     """
-    slip(press, tmp_path / "a", at_s, lost)
-    assert_only_groups_of_a_slip_are_lost(wiforce.read(tmp_path / "a"), whole)
+    found = wiforce.read(slipped(press(1), tmp_path, at_s, lost))
+    assert_only_groups_of_a_slip_are_lost(found, whole(1))
 
 
-@pytest.mark.parametrize(("lost", "antennas"), cases((-1, (1, 2)), long=((1, (1,)),)))
-def test_samples_lost_at_two_antennas_cost_their_groups_only(
-    press_of_two, whole_of_two, tmp_path, lost, antennas
-):
+@pytest.mark.parametrize("lost", cases([-1, -1], long=([1, 0],)))
+def test_samples_lost_at_two_antennas_cost_their_groups_only(press, whole, tmp_path, lost):
     """Frames that lay elsewhere entered the ratio, and the reference was that of noise."""
-    for antenna, suffix in ((1, ""), (2, ".antenna2")):
-        lost_here = lost if antenna in antennas else 0
-        slip(f"{press_of_two}{suffix}", f"{tmp_path / 'a'}{suffix}", 0.25, lost_here)
-    assert_only_groups_of_a_slip_are_lost(wiforce.read(tmp_path / "a"), whole_of_two)
+    found = wiforce.read(slipped(press(2), tmp_path, 0.25, *lost))
+    assert_only_groups_of_a_slip_are_lost(found, whole(2))
 
 
-def read_as_a_stream(capture, scene, input_type):
+def read_as_a_stream(capture, antennas, input_type):
     """Readings of a capture whose samples, or folded frames, pass a flowgraph."""
-    found = []
+    scene = scene_of(antennas)
+    if antennas == 1:
+        source = source_of(capture, scene, input_type)
+        return readings_of_reader(scene, source, input_type=input_type)
+    found, flowgraph, ratio = [], gr.top_block(), wiforce.antenna_ratio()
     reader = wiforce.reader(scene, input_type=input_type, on_reading=found.append)
-    flowgraph = gr.top_block()
-    if input_type == "sc16":
-        samples = array_source(np.fromfile(f"{capture}.sigmf-data", "<i2").reshape(-1, 2))
-        flowgraph.connect(samples, reader)
-    elif scene["environment"]["receive_antennas"] == 1:
-        flowgraph.connect(wiforce.capture_source(capture, scene), reader)
-    else:
-        ratio = wiforce.antenna_ratio()
-        for port, suffix in enumerate(("", ".antenna2")):
-            flowgraph.connect(wiforce.capture_source(f"{capture}{suffix}", scene), (ratio, port))
-        flowgraph.connect(ratio, reader)
+    for port, suffix in enumerate(ANTENNAS):
+        flowgraph.connect(wiforce.capture_source(f"{capture}{suffix}", scene), (ratio, port))
+    flowgraph.connect(ratio, reader)
     flowgraph.run()
     assert reader.failure is None
     return found
@@ -137,16 +128,12 @@ def read_as_a_stream(capture, scene, input_type):
     ),
 )
 def test_slip_within_the_reference_reads_alike_from_file_and_stream(
-    request, tmp_path, antennas, input_type, at_s, lost
+    press, tmp_path, antennas, input_type, at_s, lost
 ):
     """A stream took frames before the slip into its reference, and flagged all that followed."""
-    capture = request.getfixturevalue("press" if antennas == 1 else "press_of_two")
-    for suffix in ("", ".antenna2")[:antennas]:
-        slip(f"{capture}{suffix}", f"{tmp_path / 'a'}{suffix}", at_s, lost)
-    clock = "free" if antennas == 2 else "shared"
-    scene = scene_with(reader_clock=clock, receive_antennas=antennas)
-    wanted = wiforce.read(tmp_path / "a")
-    found = read_as_a_stream(tmp_path / "a", scene, input_type)
+    capture = slipped(press(antennas), tmp_path, at_s, *[lost] * antennas)
+    wanted = wiforce.read(capture)
+    found = read_as_a_stream(capture, antennas, input_type)
     assert wanted["flags"].str.contains("gap").any()
     assert [" ".join(reading.flags) for reading in found] == wanted["flags"].tolist()
     for column in ("force_n", "phase1_deg", "time_s"):
@@ -156,8 +143,7 @@ def test_slip_within_the_reference_reads_alike_from_file_and_stream(
 
 def test_slip_that_a_stream_finds_during_a_press_leaves_no_wrong_reading(press, tmp_path):
     """Readings are given before a slip is found: they are flagged then, and go on behind it."""
-    slip(press, tmp_path / "a", 0.9, 1)
-    found = read_as_a_stream(tmp_path / "a", scene_with(receive_antennas=1), "sc16")
+    found = read_as_a_stream(slipped(press(1), tmp_path, 0.9, 1), 1, "sc16")
     touched = [reading for reading in found if reading.touch == 1 and not reading.flags]
     assert len(touched) >= 5 and sum("gap" in reading.flags for reading in found) == 1
     assert max(abs(reading.force_n - 4.0) for reading in touched) < 0.2
@@ -165,35 +151,31 @@ def test_slip_that_a_stream_finds_during_a_press_leaves_no_wrong_reading(press, 
 
 @pytest.mark.parametrize(("antennas", "groups"), [(1, 3), (2, 1)])
 def test_slip_behind_the_groups_that_are_read_at_once_reads_alike(
-    request, tmp_path, monkeypatch, antennas, groups
+    press, tmp_path, monkeypatch, antennas, groups
 ):
     """What was read before a slip was found depended on how much was read at once, and a recording
     of two antennas ended where all of it lay before the slip.
     """
-    capture = request.getfixturevalue("press" if antennas == 1 else "press_of_two")
-    for suffix in ("", ".antenna2")[:antennas]:
-        slip(f"{capture}{suffix}", f"{tmp_path / 'a'}{suffix}", 0.02, 1)
-    wanted = wiforce.read(tmp_path / "a")
+    capture = slipped(press(antennas), tmp_path, 0.02, *[1] * antennas)
+    wanted = wiforce.read(capture)
     monkeypatch.setattr(folded_groups, "_BATCH", groups)
-    pd.testing.assert_frame_equal(wiforce.read(tmp_path / "a"), wanted)
+    pd.testing.assert_frame_equal(wiforce.read(capture), wanted)
 
 
-def test_antennas_that_lost_other_frames_are_read_to_their_end(
-    press_of_two, whole_of_two, tmp_path, monkeypatch
-):
+def test_antennas_that_lost_other_frames_are_read_to_their_end(press, whole, tmp_path, monkeypatch):
     """Frames that both had were compared as far as they were read at once, and a recording ended
     where none of them were common.
     """
-    for suffix, first in (("", 0.6), (".antenna2", 0.8)):
-        codes = np.fromfile(f"{press_of_two}{suffix}.sigmf-data", "<i2").reshape(-1, 2)
+    for suffix, first in zip(ANTENNAS, (0.6, 0.8), strict=True):
+        codes = codes_of(f"{press(2)}{suffix}")
         start, end = (FRAME * round(at_s * RATE_HZ / FRAME) for at_s in (first, first + 0.15))
         np.delete(codes, slice(start, end), axis=0).tofile(f"{tmp_path / 'a'}{suffix}.sigmf-data")
-        meta = json.loads(Path(f"{press_of_two}{suffix}.sigmf-meta").read_text())
+        meta = json.loads(Path(f"{press(2)}{suffix}.sigmf-meta").read_text())
         meta["captures"] += [{"core:sample_start": start, "core:global_index": end}]
         Path(f"{tmp_path / 'a'}{suffix}.sigmf-meta").write_text(json.dumps(meta))
     wanted = wiforce.read(tmp_path / "a")
     assert 8 <= wanted["flags"].str.contains("gap").sum() <= 12
-    pd.testing.assert_series_equal(wanted["group"], whole_of_two["group"])
+    pd.testing.assert_series_equal(wanted["group"], whole(2)["group"])
     monkeypatch.setattr(folded_groups, "_BATCH", 4)
     pd.testing.assert_frame_equal(wiforce.read(tmp_path / "a"), wanted)
 

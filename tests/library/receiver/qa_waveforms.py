@@ -109,25 +109,19 @@ def test_long_symbols_in_batches_of_any_size_give_equal_readings(folder):
     np.testing.assert_allclose(values(1), values(len(groups)), rtol=1e-8)
 
 
-def tiny(tmp_path, **sounding):
-    """A scene of a tenth of a second with a symbol of its own."""
+def test_capture_is_read_elsewhere_without_the_file_of_its_symbol(tmp_path):
+    """The symbol is part of the metadata: a capture that needs a lost file is lost as well."""
     np.save(tmp_path / "own.npy", chirp(48))
     scene = {
         "radio": {"sample_rate_hz": 1.25e6},
-        "sounding": {"waveform": "own.npy", "frame_length": 300, **sounding},
+        "sounding": {"waveform": "own.npy", "frame_length": 300},
         "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 400}],
         "simulation": {"duration_s": 0.4},
         "phase_group": {"snapshots": 150},
         "reference_s": 0.1,
     }
     (tmp_path / "scene.yaml").write_text(json.dumps(scene))
-    return tmp_path / "scene.yaml"
-
-
-def test_capture_is_read_elsewhere_without_the_file_of_its_symbol(tmp_path):
-    """The symbol is part of the metadata: a capture that needs a lost file is lost as well."""
-    scene = tiny(tmp_path)
-    succeeded("simulate", scene, tmp_path / "run")
+    succeeded("simulate", tmp_path / "scene.yaml", tmp_path / "run")
     here = run_command("read", tmp_path / "run")
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from gnuradio.wiforce.signal.bound import phase_bound_deg
-from plain import TA, T, averaged_switches
+from plain import TA, T, averaged_switches, normal
 
 SUBCARRIERS = 3
 STEP = 1e-2
@@ -62,17 +62,13 @@ def finite_difference_bound(ends, noise, clocks, times, mask=None):
     return np.degrees(np.sqrt(np.diag(covariance)[: len(ends)]))
 
 
-def channels(rng, count):
-    shape = (count, SUBCARRIERS)
-    return rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
-
-
 @pytest.mark.parametrize("clocks", [[(1000.07, 0.4)], [(999.93, 2.0), (1400.1, 5.1)]])
 @pytest.mark.parametrize("lost", [0.0, 0.2])
 def test_bound_equals_inverse_fisher_information(clocks, lost):
     rng = np.random.default_rng(4)
     times = np.arange(150) * T
-    ends, noise = channels(rng, 2 * len(clocks)), rng.uniform(0.01, 0.1, SUBCARRIERS)
+    ends = normal(rng, 2 * len(clocks), SUBCARRIERS)
+    noise = rng.uniform(0.01, 0.1, SUBCARRIERS)
     mask = rng.random(150) >= lost
     expected = finite_difference_bound(ends, noise, clocks, times, mask)
     bound = phase_bound_deg(ends, noise, clocks, times, TA, mask=mask)

@@ -197,7 +197,7 @@ py::dict separate(end_separation& of,
     };
     // Single precision is read as it is, since batches of many tones exceed the caches.
     using single_array = array<std::complex<float>>;
-    if (py::isinstance<single_array>(tones))
+    if (tones.dtype().equal(py::dtype::of<std::complex<float>>()))
         add(single_array(tones));
     else
         add(complex_array(tones));
@@ -333,9 +333,7 @@ K), and their mean power (G,).)");
         .def_property_readonly("gain",
                                member(&end_fit::gain, &sizes::ends),
                                "(G, E), variance of an end over that of H.")
-        .def_property_readonly("freedom",
-                               &end_fit::freedom,
-                               "Degrees of freedom of a group on one subcarrier.")
+        .def_property_readonly("freedom", &end_fit::freedom)
         .def(
             "power",
             [](const end_fit& fit) {
@@ -380,31 +378,19 @@ and both duty cycles.)");
         m, "clock_tracker", "A tag's free-running clock from group to group.")
         .def(py::init<>())
         .def(py::init<const clock_tracker&>())
-        .def_readwrite("time_s", &clock_tracker::time_s, "Time of phase and rate.")
-        .def_readwrite("phase", &clock_tracker::phase, "In rad.")
-        .def_readwrite("rate", &clock_tracker::rate, "Above nominal, in rad/s.")
-        .def_readwrite("variances",
-                       &clock_tracker::variances,
-                       "Of the phase, the covariance, and of the rate.")
-        .def_readwrite("nominal_rate", &clock_tracker::nominal_rate, "In rad/s.")
+        .def_readwrite("time_s", &clock_tracker::time_s)
+        .def_readwrite("phase", &clock_tracker::phase)
+        .def_readwrite("rate", &clock_tracker::rate)
+        .def_readwrite("variances", &clock_tracker::variances)
+        .def_readwrite("nominal_rate", &clock_tracker::nominal_rate)
         .def_readwrite("subcarriers", &clock_tracker::subcarriers)
-        .def_readwrite("slope_variance",
-                       &clock_tracker::slope_variance,
-                       "Of J' by unit noise, of all subcarriers.")
-        .def_readwrite(
-            "energy", &clock_tracker::energy, "J of a mean group, times the noise level.")
-        .def_readwrite("curvature", &clock_tracker::curvature, "J'', likewise.")
-        .def_readwrite("groups", &clock_tracker::groups, "That it is a mean of.")
-        .def_readwrite("seen_s",
-                       &clock_tracker::seen_s,
-                       "Centre of the last group that held the tag.")
-        .def("predict",
-             py::vectorize(&clock_tracker::predict),
-             "The phase expected at a time, or at times (G,), in rad.")
-        .def("expired",
-             &clock_tracker::expired,
-             "at_s, absent_s, unseen_s: whether the tag was absent, or not received, for "
-             "longer.");
+        .def_readwrite("slope_variance", &clock_tracker::slope_variance)
+        .def_readwrite("energy", &clock_tracker::energy)
+        .def_readwrite("curvature", &clock_tracker::curvature)
+        .def_readwrite("groups", &clock_tracker::groups)
+        .def_readwrite("seen_s", &clock_tracker::seen_s)
+        .def("predict", py::vectorize(&clock_tracker::predict), "Times (G,), or one.")
+        .def("expired", &clock_tracker::expired);
     py::class_<noise_estimate>(m, "noise_estimate", "profile: (K,), or None.")
         .def(py::init([](double group_period_s,
                          const std::optional<array<double>>& profile) {
@@ -413,9 +399,7 @@ and both duty cycles.)");
              }),
              "group_period_s"_a,
              "profile"_a = py::none())
-        .def_readwrite("known",
-                       &noise_estimate::known,
-                       "Whether there is an estimate; until then arrays are empty.")
+        .def_readwrite("known", &noise_estimate::known)
         .def_property_readonly(
             "variance",
             [](const noise_estimate& of) { return copy(of.variance()); },
@@ -424,8 +408,7 @@ and both duty cycles.)");
             "inverse",
             [](const noise_estimate& of) { return copy(of.inverse()); },
             "(K,), 1 / sigma_k^2.")
-        .def_property_readonly(
-            "level", &noise_estimate::level, "Mean of the variance over the subcarriers.")
+        .def_property_readonly("level", &noise_estimate::level)
         .def(
             "set",
             [](noise_estimate& of,
@@ -435,9 +418,7 @@ and both duty cycles.)");
                 if (variance.ndim() != 1 || !variance.size())
                     throw std::invalid_argument(
                         "noise_estimate: variance must have shape (K,)");
-                of.set(flat(variance), level);
-                if (groups)
-                    of.set_groups(*groups);
+                of.set(flat(variance), level, groups);
             },
             "variance"_a,
             "level"_a,
@@ -504,9 +485,7 @@ the symbol. rotation: (M/2, N), of the tones of positive frequency.)")
                                     absent_s,
                                     unseen_s });
         }))
-        .def("reset",
-             &end_separation::reset,
-             "Forget the residuals so far, when the clocks were acquired again.")
+        .def("reset", &end_separation::reset)
         .def("process",
              &separate,
              "tags"_a,

@@ -66,9 +66,10 @@ def _search(samples: Array, waveform: Waveform) -> _Found | None:
     best = int(np.argmax(match))
     if not match[best] > 0:
         return None
-    # Partial overlaps match as well: only shifts without any overlap measure the noise.
-    quiet = _quiet(match, best, waveform.preamble_length)
-    if quiet is not None:
+    if has_quiet_samples(waveform):
+        # Partial overlaps match as well: only shifts without any overlap measure the noise.
+        apart = waveform.preamble_length + _ECHOES + 1
+        quiet = np.roll(match, -best)[apart : len(match) - apart + 1]
         clear = match[best] >= _CLEAR * np.sqrt(np.mean(quiet**2))
     else:
         clear = _noise(mean, match[best], waveform) + math.log(len(mean)) < _FALSE_ALARM
@@ -107,14 +108,6 @@ def _noise(mean: Array, match: float, waveform: Waveform) -> float:
     power = float(np.vdot(mean, mean).real) * float(np.sum(np.abs(waveform.preamble) ** 2))
     share = max(1 - match**2 / max(power, 1e-30), 1e-30)
     return (len(mean) - 1) * math.log(share)
-
-
-def _quiet(match: Array, best: int, preamble: int) -> Array | None:
-    """Matches at shifts that do not overlap the preamble, None when the guard is too short."""
-    length = len(match)
-    distance = np.minimum((np.arange(length) - best) % length, (best - np.arange(length)) % length)
-    quiet = match[distance > preamble + _ECHOES]
-    return quiet if len(quiet) >= _LEAST_QUIET else None
 
 
 def has_quiet_samples(waveform: Waveform) -> bool:
@@ -222,8 +215,8 @@ class FramePeriod(NamedTuple):
     over frames of the normalised correlation with the symbol, 0.1 for other signals.
     """
 
-    samples: float | None
-    agrees: bool
+    samples: float | None = None
+    agrees: bool = False
     likeness: float = 0.0
 
 
@@ -244,11 +237,11 @@ def find_frame_period(
     if symbol is None:
         symbol = waveform.symbol
     if len(samples) < waveform.preamble_length + 2 * waveform.symbol_length:
-        return FramePeriod(None, False)
+        return FramePeriod()
     likeness = _likeness(samples, symbol)
     coherence = _coherence_of_lags(likeness)
     if len(coherence) <= waveform.preamble_length:  # too short for a lag beyond the preamble
-        return FramePeriod(None, False)
+        return FramePeriod()
     strength, spread = _strength_of_periods(coherence, waveform.preamble_length)
     period, agrees = _period_in(coherence, strength, spread, waveform)
     least = 0.0
@@ -256,9 +249,9 @@ def find_frame_period(
         spread, least = min(spread, _spread_without_guard(coherence, waveform)), _LIKE_SYMBOL
         period, agrees = _period_in(coherence, strength, spread, waveform)
     if period is None:
-        return FramePeriod(None, False)
+        return FramePeriod()
     found = round(float(_mean_frame(likeness, period).max()), 6)
-    return FramePeriod(period, agrees, found) if found >= least else FramePeriod(None, False)
+    return FramePeriod(period, agrees, found) if found >= least else FramePeriod()
 
 
 def _period_in(
@@ -339,8 +332,7 @@ def _strength_of_periods(coherence: Array, preamble: int) -> tuple[Array, float]
     for multiple in range(2, _MULTIPLES + 1):
         inside = lags[: (len(coherence) - 1) // multiple + 1]
         strength[inside] = np.minimum(strength[inside], coherence[inside * multiple])
-    beyond = coherence[preamble:]
-    return strength, _spread_of(beyond)
+    return strength, _spread_of(coherence[preamble:])
 
 
 def _spread_without_guard(coherence: Array, waveform: Waveform) -> float:

@@ -145,12 +145,14 @@ def _agrees(recording: Capture, waveform: Waveform, place: int, samples: Array) 
         samples = recording.read_span(place, searched_samples(waveform))
         if _stands_out(samples, waveform):
             return True
-    rule = (
-        f"frames repeat every {found.samples:.6g} samples, but sounding.frame_length is {expected}"
-    )
-    if found.samples != round(found.samples):
+    raise InputError(recording.path, _other_length(found.samples, expected))
+
+
+def _other_length(samples: float, expected: int) -> str:
+    rule = f"frames repeat every {samples:.6g} samples, but sounding.frame_length is {expected}"
+    if samples != round(samples):
         rule += "; receiver and transmitter ran at different sample rates"
-    raise InputError(recording.path, rule)
+    return rule
 
 
 def _commensurate(period: float, expected: int) -> bool:
@@ -321,10 +323,7 @@ def search_problem(samples: Array, waveform: Waveform, ended: str = "") -> str:
     found = find_frame_period(samples, waveform)
     problem = other_frames(samples[:SEARCHED_SAMPLES], waveform, found.likeness)
     if not problem and found.samples is not None and not found.agrees:
-        return (
-            f"frames repeat every {found.samples:.6g} samples, but sounding.frame_length is "
-            f"{waveform.frame_length}"
-        )
+        return _other_length(found.samples, waveform.frame_length)
     return problem or ended or _no_frames(waveform)
 
 

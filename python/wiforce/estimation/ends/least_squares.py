@@ -130,12 +130,8 @@ class ToneModel:
         parts = groups.tones.real, groups.tones.imag
         peaks = sum(np.abs(part).max(axis=(1, 2), initial=0) for part in parts)
         usable = ((peaks > 0) & (peaks < np.inf)).tolist()
-        rows: list[int] = []
-        if groups.timed is not None:
-            rows = list(range(len(groups)))
-        elif groups.has_incomplete:
-            rows = groups.incomplete.nonzero()[0].tolist()
-        for row in rows:
+        own = groups.incomplete if groups.timed is None else np.ones(len(groups), bool)
+        for row in np.flatnonzero(own).tolist():
             partial = self._partial(groups, row)
             if partial is None:
                 usable[row] = False

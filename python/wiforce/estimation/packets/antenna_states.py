@@ -91,7 +91,9 @@ def find_states_beside_tags(
     them: a wrong one would confirm a wrong clock.
     """
     count = len(closed[0])
-    reference, against = _against_strongest(channel.reshape(-1, *channel.shape[2:]))
+    flat = channel.reshape(-1, *channel.shape[2:])
+    reference = int(np.argmax(np.median(np.sum(np.abs(flat) ** 2, axis=1), axis=0)))
+    against = others_against(flat, reference)
     best, label = np.zeros(count, int), np.zeros(count, int)
     if not against.shape[1]:
         return AntennaStates(label, reference), best
@@ -116,12 +118,6 @@ def find_states_beside_tags(
         largest = LEAST_STEP / 2 if known[packets].all() else TAG_STEP
         label[packets] = mixture.states(against[packets], closed[packets], largest)
     return AntennaStates(_numbered(label), reference), best
-
-
-def _against_strongest(channel: Array) -> tuple[int, Array]:
-    """The strongest antenna, and what the others receive against it (n, K (A - 1))."""
-    reference = int(np.argmax(np.median(np.sum(np.abs(channel) ** 2, axis=1), axis=0)))
-    return reference, others_against(channel, reference)
 
 
 def _means_and_labels(
@@ -221,14 +217,14 @@ def _middle(ranked: Array) -> float:
 def _merged(against: Array, label: Array, step: float) -> Array:
     """Labels without states nearer than a step: tags may divide one far from the middle."""
     while True:
-        states = np.unique(label)
-        means = np.array([against[label == state].mean(axis=0) for state in states])
+        label = np.unique(label, return_inverse=True)[1]
+        means = _means(against, label)
         apart = np.linalg.norm(means[:, None] - means, axis=2) / np.linalg.norm(means, axis=1)
         np.fill_diagonal(apart, np.inf)
         one, other = np.unravel_index(np.argmin(apart), apart.shape)
         if apart[one, other] >= step:
-            return np.unique(label, return_inverse=True)[1]
-        label = np.where(label == states[one], states[other], label)
+            return label
+        label = np.where(label == one, other, label)
 
 
 def _means(against: Array, label: Array) -> Array:

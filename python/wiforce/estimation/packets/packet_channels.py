@@ -119,18 +119,17 @@ _EXCEEDED, _LEAST_CHANGE = 0.05, 0.005
 _MOST_PACKETS = 4000
 
 
-def rotation_std_deg(change: Array, others: int) -> Array:
+def rotation_std_deg(change: float, others: int) -> float:
     """Rotation of all tags by a change of the static paths that packets are divided by, in degrees.
 
-    ``change`` (G,) is its power in the combinations over that of the static paths, ``others`` are
+    ``change`` is its power in the combinations over that of the static paths, ``others`` are
     antennas less one. A combination then holds T - (D / S) U, of which neither U nor D along S can
     be measured. Of n directions with Rayleigh fading, one more exceeds t times their mean power
     with probability (1 + t / n)^-n; the result is half of what is exceeded in 5 %.
     """
     exceeded = others * (_EXCEEDED ** (-1 / others) - 1)
-    power = np.maximum(change - _LEAST_CHANGE**2, 0) / others
-    std: Array = np.degrees(np.sqrt(exceeded * power / 2) / 2)
-    return std
+    power = max(change - _LEAST_CHANGE**2, 0.0) / others
+    return float(np.degrees(np.sqrt(exceeded * power / 2) / 2))
 
 
 # Delays by which paths by way of a tag differ from the mean of the static ones, in s rms of each

@@ -256,36 +256,30 @@ class _Solution:
         total, common = precise.sum(axis=1), common[self._steady].reshape(-1)
         # The inverse covariance of a group is diag(p) + excess p p^T.
         excess = 1 / (total**2 * np.maximum(common, 1e-300)) - 1 / total
-        # Rows of the real derivatives, by the real and imaginary part of U.
+        # Real derivatives by the real and by the imaginary part of U: of what each subcarrier has
+        # to itself, and of both parts of the sum that all share.
+        parts, by = (np.stack([each.real, -each.imag]) for each in (own, by))
         turns = np.stack(
             [np.hstack([turns.real, -turns.imag]), np.hstack([turns.imag, turns.real])]
         )
-        by = np.stack([by.real, -by.imag])
-        own_p = precise * by
-        beside = np.concatenate([own_p * own.real, -own_p * own.imag], axis=2)
-        mixed = np.einsum("xgk,ygk->xyg", own_p, by)
-        sums = np.concatenate([precise * own.real, -precise * own.imag], axis=1)
-        sums = sums + np.einsum("xg,xgk->gk", own_p.sum(axis=2), turns)
+        by_p = precise * by
         count = own.shape[1]
-        normal = np.zeros((2 * count, 2 * count))
-        diagonal = np.einsum("gk,xgk,ygk->xyk", precise, *[np.stack([own.real, -own.imag])] * 2)
-        for x in (0, 1):
-            for y in (0, 1):
-                block = np.arange(count)
-                normal[block + x * count, block + y * count] += diagonal[x, y]
-                normal += (turns[x] * mixed[x, y][:, None]).T @ turns[y]
-            cross = turns[x].T @ beside[x]
-            normal += cross + cross.T
-        normal += (sums * excess[:, None]).T @ sums
+        diagonal = np.einsum("gk,xgk,ygk->xyk", precise, parts, parts)
+        normal = np.einsum("xyk,kl->xkyl", diagonal, np.eye(count)).reshape(2 * count, -1)
+        mixed = np.einsum("xgk,ygk,ygm->xgm", by_p, by, turns, optimize=True)
+        normal += np.tensordot(turns, mixed, ([0, 1], [0, 1]))
+        beside = np.stack([np.hstack(each * parts) for each in by_p])
+        cross = np.tensordot(turns, beside, ([0, 1], [0, 1]))
+        sums = np.hstack(precise * parts) + np.einsum("xg,xgm->gm", by_p.sum(axis=2), turns)
+        normal += cross + cross.T + (sums * excess[:, None]).T @ sums
         weighted = precise * (missing + excess[:, None] * total[:, None] * each)
-        right = np.concatenate([weighted * own.real, -weighted * own.imag], axis=1).sum(axis=0)
-        right += np.einsum("xgk,gk,xgm->m", by, weighted, turns)
+        right = np.hstack(weighted * parts).sum(axis=0)
+        right += np.tensordot(np.sum(by * weighted, axis=2), turns, 2)
         # The prior is one of the mean, and one of every difference from it.
         center = np.eye(count) - 1 / count
         fades = center @ np.diag(2 / self._prior(self.direct)) @ center
         fades += 2 / self._prior(np.mean(self.direct)) / count**2
-        normal[:count, :count] += fades
-        normal[count:, count:] += fades
+        normal += np.kron(np.eye(2), fades)
         pull = np.concatenate([fades @ self.direct.real, fades @ self.direct.imag])
         step = np.linalg.solve(normal, right - pull)
         return np.asarray(step[:count] + 1j * step[count:])

@@ -113,25 +113,26 @@ class ReferenceMean:
 class ConjugateDifference:
     """V conj(V_ref) of every end, scaled so that the weighted subcarrier average is R.
 
-    V_ref is the ``untouched`` reference in groups 0 to ``reference_groups``, or the ``previous``
-    group (paper, section 3.3). Absent groups are not replaced by later ones, in which the sensor
-    may be touched; an end received in none takes its first ones, and is marked late. With
-    ``waveform``, mirror images are removed, and deviations from the profile raise the variance.
+    V_ref is the untouched reference in groups 0 to ``reference_groups``, or the group before
+    (``against_previous``; paper, section 3.3). Absent groups are not replaced by later ones, in
+    which the sensor may be touched; an end received in none takes its first ones, and is marked
+    late. With ``waveform``, mirror images are removed, and deviations from the profile raise the
+    variance.
     """
 
     def __init__(
         self,
         ends: int,
         reference_groups: int,
-        against: str = "untouched",
+        against_previous: bool = False,
         waveform: Waveform | None = None,
     ) -> None:
         self.reference_groups = reference_groups
-        self._against_previous = against == "previous"
+        self._against_previous = against_previous
         self._ends = ends
         self._profile = ProfileCheck(waveform, ends) if waveform is not None else None
         self._no_step = np.ones(ends, complex)
-        self._holding = not self._against_previous
+        self._holding = not against_previous
         self._held: list[Groups] = []
         # The reference of a tare, while it is measured, and the first group behind it.
         self._next: ReferenceMean | None = None
