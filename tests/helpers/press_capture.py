@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A short press as captured samples, and a source of them for flowgraphs."""
 
+from collections import defaultdict
+
 import numpy as np
 import pmt
-from gnuradio import gr
+from gnuradio import blocks, gr
+from gnuradio.wiforce.blocks import names
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 
@@ -35,21 +38,23 @@ SCENE = DEFAULT | {
 }
 
 
-def press_codes(folder):
-    """ADC codes of the scene's capture, which is written to ``folder``; int16, shape (n, 2)."""
-    simulate(load_scene(SCENE), folder / "press")
+def press_codes(folder, scene=SCENE):
+    """ADC codes of a scene's capture, which is written to ``folder``; int16, shape (n, 2)."""
+    simulate(load_scene(scene), folder / "press")
     return np.fromfile(folder / "press.sigmf-data", "<i2").reshape(-1, 2)
 
 
 class array_source(gr.sync_block):
-    """Emits the items of an array, with tags: (offset, key, value)."""
+    """Emits the items of an array, ``packet`` at once at most, with tags: (offset, key, value)."""
 
-    def __init__(self, items, tags=()):
+    def __init__(self, items, tags=(), packet=None):
         shape = (items.dtype, items.shape[1]) if items.ndim == 2 else items.dtype
         gr.sync_block.__init__(self, "array_source", in_sig=None, out_sig=[shape])
         self._items = items
         self._tags = list(tags)
         self._at = 0
+        if packet is not None:
+            self.set_max_noutput_items(packet)
 
     def work(self, input_items, output_items):
         count = min(len(output_items[0]), len(self._items) - self._at)
@@ -75,9 +80,47 @@ def run_flowgraph(*chain):
     flowgraph.run()
 
 
-def numbers_in(sink, key):
-    """Whole numbers in the tags of a sink, by the offset of their items."""
-    return {tag.offset: pmt.to_uint64(tag.value) for tag in sink.tags() if str(tag.key) == key}
+class Run:
+    """What blocks in a row, the last of which gives complex vectors, give to their end.
+
+    ``items``: (n, length). ``tags``: values by their key, and by the offset of the item.
+    ``incomplete``: (group, mask, snapshots) of each group that was announced as incomplete.
+    """
+
+    def __init__(self, *chain):
+        length = chain[-1].output_signature().sizeof_stream_item(0) // gr.sizeof_gr_complex
+        sink, messages = blocks.vector_sink_c(length), blocks.message_debug()
+        flowgraph = gr.top_block()
+        flowgraph.connect(*chain, sink)
+        for block in chain:
+            if names.INCOMPLETE in pmt.to_python(block.message_ports_out()):
+                flowgraph.msg_connect((block, names.INCOMPLETE), (messages, "store"))
+        flowgraph.run()
+        self.items = np.array(sink.data(), np.complex64).reshape(-1, length)
+        self.tags = defaultdict(dict)
+        for tag in sink.tags():
+            self.tags[str(tag.key)][tag.offset] = _plain(tag.value)
+        self.incomplete = [
+            _incomplete(messages.get_message(n)) for n in range(messages.num_messages())
+        ]
+
+
+def _plain(value):
+    """Value of a tag as a number or a list."""
+    for kind in ("f32", "c32", "u8", "u64"):
+        if getattr(pmt, f"is_{kind}vector")(value):
+            return list(getattr(pmt, f"{kind}vector_elements")(value))
+    return pmt.to_uint64(value)
+
+
+def _incomplete(message):
+    about, snapshots = pmt.car(message), pmt.cdr(message)
+    group, mask = (
+        pmt.dict_ref(about, pmt.intern(key), pmt.PMT_NIL) for key in (names.GROUP, names.MASK)
+    )
+    mask = np.array(pmt.u8vector_elements(mask), bool)
+    snapshots = np.array(pmt.c32vector_elements(snapshots), np.complex64)
+    return pmt.to_uint64(group), mask, snapshots.reshape(len(mask), -1)
 
 
 def counted_on(tagged, count):

@@ -7,7 +7,7 @@ from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.frame import MARGIN
 from plain import normal
-from press_capture import run_flowgraph
+from press_capture import Run, array_source
 
 GROUPS, SNAPSHOTS = 3, 40
 estimator = wiforce.ofdm_channel_estimator
@@ -35,19 +35,9 @@ def folded(samples, waveform):
     return used.reshape(len(frames), 3, -1).mean(axis=1)
 
 
-def run(samples, *chain):
-    flowgraph = gr.top_block()
-    sink = blocks.vector_sink_c(chain[-1].output_signature().sizeof_stream_item(0) // 8)
-    flowgraph.connect(blocks.vector_source_c(samples.tolist()), *chain, sink)
-    flowgraph.run()
-    return np.array(sink.data())
-
-
 def test_fold_and_channel_of_any_symbol_equal_numpy(waveform, samples):
     fold = wiforce.preamble_fold(**waveform.folding, sample_rate=1e6)
-    channel = run(samples, fold, estimator(waveform.equalizer())).reshape(
-        -1, waveform.symbol_length
-    )
+    channel = Run(array_source(samples), fold, estimator(waveform.equalizer())).items
     expected = np.fft.fft(folded(samples, waveform), axis=1) * waveform.equalizer()
     np.testing.assert_allclose(channel, expected, atol=2e-5)
     assert np.abs(channel[:, waveform.bins].mean() - 1) < 0.01
@@ -63,7 +53,7 @@ def test_tones_of_any_symbol_equal_numpy(waveform, samples, in_one):
     else:
         doppler = wiforce.phase_group_doppler(weights, SNAPSHOTS, waveform.symbol_length)
         chain = [wiforce.preamble_fold(**waveform.folding), doppler]
-    tones = run(samples, *chain).reshape(GROUPS, 5, -1)
+    tones = Run(array_source(samples), *chain).items.reshape(GROUPS, 5, -1)
     groups = folded(samples, waveform).reshape(GROUPS, SNAPSHOTS, -1)
     expected = np.einsum("mn,gnk->gmk", weights.astype(complex), groups)
     np.testing.assert_allclose(tones, expected, atol=2e-4)
@@ -129,9 +119,7 @@ def test_every_row_is_rotated_and_transformed_in_natural_order(rows):
     rng = np.random.default_rng(2)
     vectors, rotation = normal(rng, 11, rows, 64), normal(rng, rows, 64)
     factors = normal(rng, 64)
-    source = blocks.vector_source_c(vectors.ravel().tolist(), False, 64 * rows)
-    sink = blocks.vector_sink_c(64 * rows)
-    run_flowgraph(source, estimator(factors, rows, rotation), sink)
+    source = array_source(vectors.reshape(11, -1).astype(np.complex64))
+    channel = Run(source, estimator(factors, rows, rotation)).items.reshape(vectors.shape)
     want = np.fft.fft(rotation * vectors) * factors
-    channel = np.array(sink.data()).reshape(want.shape)
     np.testing.assert_allclose(channel, want, atol=1e-6 * np.abs(want).max())

@@ -2,13 +2,12 @@
 """recording_source against numpy, and against the stream blocks that it stands for."""
 
 import numpy as np
-import pmt
 import pytest
 from device_times import rx_time
-from gnuradio import blocks, gr, wiforce
+from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks import names
 from gnuradio.wiforce.errors import InputError
-from press_capture import array_source, counted_on, run_flowgraph
+from press_capture import Run, array_source, counted_on
 
 FRAME = 720
 
@@ -25,22 +24,11 @@ def as_complex(samples):
     return (samples[:, 0] + 1j * samples[:, 1]) / scale
 
 
-def value_of(tag):
-    """The number, or the numbers, of a tag."""
-    if pmt.is_u64vector(tag.value):
-        return tuple(pmt.u64vector_elements(tag.value))
-    return pmt.to_uint64(tag.value)
-
-
 def run(*chain):
     """Output and tags {key: {offset: value}} of a chain."""
-    sink = blocks.vector_sink_c(64)
-    run_flowgraph(*chain, sink)
-    tags = {}
-    for tag in sink.tags():
-        if str(tag.key) != names.NOISE:  # held to a reference in qa_interference.py
-            tags.setdefault(str(tag.key), {})[tag.offset] = value_of(tag)
-    return np.array(sink.data()).reshape(-1, 64), tags
+    found = Run(*chain)
+    found.tags.pop(names.NOISE, None)  # held to a reference in qa_interference.py
+    return found.items, found.tags
 
 
 def cut(samples, kept):
