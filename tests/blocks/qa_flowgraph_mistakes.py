@@ -10,14 +10,14 @@ from types import SimpleNamespace
 import numpy as np
 import pmt
 import pytest
-from chain_from_file import Chain
+from chain_runs import readings_of_chain
 from device_times import tag_at
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks.stream_watch import Folded, StreamWatch
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.press.sensor_state import CLIPPED
-from press_capture import DEFAULT, array_source, as_floats
+from press_capture import DEFAULT, array_source, as_floats, press_codes, run_flowgraph
 
 # Half the usual rate takes half the time; frames and groups last as long as usual.
 RATE_HZ, FRAME, GROUP = 6.25e6, 360, 225_000
@@ -39,13 +39,13 @@ SLOW["simulation"]["presses"][0] |= {"start_s": 0.35, "hold_s": 0.8}
 @pytest.fixture(scope="module")
 def codes(tmp_path_factory):
     """ADC codes of a short press, int16 pairs; shape (n, 2)."""
-    return press_codes_of(SCENE, tmp_path_factory.mktemp("capture"))
+    return press_codes(tmp_path_factory.mktemp("capture"), SCENE)
 
 
 @pytest.fixture(scope="module")
 def slow_codes(tmp_path_factory):
     """The same of the slow radio."""
-    return press_codes_of(SLOW, tmp_path_factory.mktemp("slow"))
+    return press_codes(tmp_path_factory.mktemp("slow"), SLOW)
 
 
 def said_of(samples, scene=SCENE, tags=(), **settings):
@@ -54,9 +54,7 @@ def said_of(samples, scene=SCENE, tags=(), **settings):
     settings = {"input_type": "sc16" if samples.ndim == 2 else "fc32", **settings}
     reader = wiforce.reader(scene, **settings)
     reader.groups.on_warning = said.append
-    source, flowgraph = array_source(samples, tags), gr.top_block()
-    flowgraph.connect(source, reader)
-    flowgraph.run()
+    run_flowgraph(array_source(samples, tags), reader)
     assert reader.failure is None
     return said
 
@@ -67,9 +65,7 @@ def said_before(samples, scene=SCENE):
     alignment = wiforce.frame_alignment(wiforce.load_scene(scene), item_type=item_type)
     said = []
     alignment._warn = said.append
-    source, flowgraph = array_source(samples), gr.top_block()
-    flowgraph.connect(source, alignment, blocks.null_sink(samples[:1].nbytes))
-    flowgraph.run()
+    run_flowgraph(array_source(samples), alignment, blocks.null_sink(samples[:1].nbytes))
     return said
 
 
@@ -140,19 +136,26 @@ def test_reader_refuses_a_scene_of_packets_for_what_it_is():
         wiforce.reader("wifi_packets")
 
 
-def test_chain_names_a_press_in_a_part_of_the_reference(slow_codes, monkeypatch):
+@pytest.fixture
+def warned_in(monkeypatch):
+    """What blocks of a module log as warnings, in a list that grows: ``warned_in("chain")``."""
+
+    def begin(module):
+        said = []
+        module = importlib.import_module(f"gnuradio.wiforce.blocks.{module}")
+        monkeypatch.setattr(module, "gr", SimpleNamespace(log=SimpleNamespace(warn=said.append)))
+        return said
+
+    return begin
+
+
+def test_chain_names_a_press_in_a_part_of_the_reference(slow_codes, warned_in):
     """Streams and files said it, and the chain of blocks did not."""
-    logged = []
-    module = importlib.import_module("gnuradio.wiforce.blocks.chain")
-    monkeypatch.setattr(module, "gr", SimpleNamespace(log=SimpleNamespace(warn=logged.append)))
+    logged = warned_in("chain")
     plan = wiforce.plan(SLOW)
-    chain = Chain(plan, print)
     rate_hz = plan.waveform.sample_rate_hz
     fold = wiforce.preamble_fold(**plan.waveform.folding, item_type="sc16", sample_rate=rate_hz)
-    source, flowgraph = array_source(slow_codes[1944 * 360 :]), gr.top_block()
-    chain.connect(flowgraph, source, fold)
-    flowgraph.run()
-    chain.check()
+    readings_of_chain(plan, array_source(slow_codes[1944 * 360 :]), fold)
     (sentence,) = logged
     assert sentence.startswith("force_inversion: arm: was touched in ")
 
@@ -175,7 +178,7 @@ SHORT["simulation"]["presses"][0] |= {"start_s": 0.5, "hold_s": 0.2}
 @pytest.mark.parametrize("scene, first", [(SHORT, 2431 * 360), ("tabletop", round(1.2 * 1.25e6))])
 def test_reader_names_a_press_in_the_reference(tmp_path, scene, first):
     """It looks like noise around the tag's lines: the message blamed the scene, or none came."""
-    (sentence,) = said_of(press_codes_of(scene, tmp_path)[first:], scene)
+    (sentence,) = said_of(press_codes(tmp_path, scene)[first:], scene)
     assert sentence.startswith("reader: arm: it may have been touched while its reference")
 
 
@@ -234,13 +237,8 @@ def test_watch_says_again_what_recurs_after_clear_readings():
     assert said == [f"reader: arm: {CLIPPED}"] * 2
 
 
-def press_codes_of(scene, folder):
-    wiforce.simulate(scene, folder / "press")
-    return np.fromfile(folder / "press.sigmf-data", "<i2").reshape(-1, 2)
-
-
 def test_frame_alignment_and_capture_source_name_why_there_are_no_frames(
-    codes, tmp_path, monkeypatch
+    codes, tmp_path, warned_in
 ):
     cause = "0.8 times that of the transmitter"
     # Twice as long as frames are searched in.
@@ -250,9 +248,7 @@ def test_frame_alignment_and_capture_source_name_why_there_are_no_frames(
     )
     assert sentence.startswith("frame_alignment: ") and cause in sentence
     samples.tofile(tmp_path / "press.bin")
-    logged = []
-    module = importlib.import_module("gnuradio.wiforce.blocks.captures")
-    monkeypatch.setattr(module, "gr", SimpleNamespace(log=SimpleNamespace(warn=logged.append)))
+    logged = warned_in("captures")
     wiforce.capture_source(tmp_path / "press.bin", SCENE, datatype="cf32_le")
     (sentence,) = logged
     assert sentence.startswith("capture_source: ")

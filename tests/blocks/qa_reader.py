@@ -6,24 +6,11 @@ import threading
 import numpy as np
 import pmt
 import pytest
-from chain_runs import readings_of_chain, readings_of_reader
+from chain_runs import press_fold, readings_of_chain, readings_of_reader
 from device_times import rx_time, tag_at
 from gnuradio import blocks, gr, wiforce
 from machine import wait_until
-from press_capture import (
-    FRAME,
-    GROUP,
-    RATE_HZ,
-    SCENE,
-    array_source,
-    press_codes,
-)
-
-
-@pytest.fixture(scope="module")
-def codes(tmp_path_factory):
-    """ADC codes of a short press, int16 pairs; shape (n, 2)."""
-    return press_codes(tmp_path_factory.mktemp("capture"))
+from press_capture import FRAME, GROUP, RATE_HZ, SCENE, array_source
 
 
 def read(samples, tags=()):
@@ -51,7 +38,7 @@ def test_reader_clipped_groups_are_flagged_for_every_input(codes, tmp_path, way)
     clipped[20 * GROUP - 4 * FRAME + 300 :: FRAME][:8] = -32768  # the last of 19, the first of 20
     before = [array_source(clipped)]
     if way == "folded samples":
-        before.append(wiforce.preamble_fold(FRAME, item_type="sc16", sample_rate=RATE_HZ))
+        before.append(press_fold())
     elif way == "recording":
         clipped.tofile(tmp_path / "press.bin")
         before = [wiforce.capture_source(tmp_path / "press.bin", SCENE, datatype="ci16_le")]
@@ -71,14 +58,11 @@ def test_reader_times_count_from_the_first_sample_of_the_stream(codes, tmp_path,
     if way == "samples":
         found = readings_of_reader(SCENE, array_source(late), frame_offset=before)
     elif way == "folded":
-        settings = {"frame_offset": before, "datatype": "ci16_le"}
-        source = wiforce.capture_source(tmp_path / "late.bin", SCENE, **settings)
+        source = wiforce.capture_source(tmp_path / "late.bin", SCENE, before, "ci16_le")
         found = readings_of_reader(SCENE, source, input_type="folded", frame_offset=before)
     else:
-        settings = {"item_type": "sc16", "sample_rate": RATE_HZ, "frame_offset": before}
         plan = wiforce.plan(SCENE).with_first_frame(before)
-        fold = wiforce.preamble_fold(FRAME, **settings)
-        found = readings_of_chain(plan, array_source(late), fold)
+        found = readings_of_chain(plan, array_source(late), press_fold(frame_offset=before))
     first_s = (before + GROUP / 2) / RATE_HZ
     assert [r.time_s for r in found] == pytest.approx([first_s + 0.036 * n for n in range(14)])
 

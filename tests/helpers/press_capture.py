@@ -106,11 +106,11 @@ class Run:
 
 
 def _plain(value):
-    """Value of a tag as a number or a list."""
+    """Value of a tag as a number or a list; another one as it is."""
     for kind in ("f32", "c32", "u8", "u64"):
         if getattr(pmt, f"is_{kind}vector")(value):
             return list(getattr(pmt, f"{kind}vector_elements")(value))
-    return pmt.to_uint64(value)
+    return pmt.to_uint64(value) if pmt.is_uint64(value) else value
 
 
 def _incomplete(message):
