@@ -141,18 +141,3 @@ def test_groups_follow_the_grid_of_the_indices(indices, groups, missing):
     assert list(run.tags["group"].values()) == groups and run.tags["missing"] == missing
     if len(groups) == 3:
         np.testing.assert_allclose(found[1:], tones(snapshots[20:], weights), atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("weights", "group_length", "message"),
-    [
-        (np.ones((2, 10)), 0, "group_length must"),
-        (np.ones((2, 10)), 5, "weights must have group_length = 5 columns, got 10"),
-        (np.ones(11), 10, "weights must hold one or more rows of group_length = 10, got 11"),
-        (np.ones(0), 10, "weights must hold one or more rows"),
-        (np.full((1, 10), np.inf), 10, "weights must be finite"),
-    ],
-)
-def test_bad_parameters_are_named(weights, group_length, message):
-    with pytest.raises(ValueError, match=message):
-        wiforce.phase_group_doppler(weights=weights, group_length=group_length)

@@ -6,7 +6,6 @@ import pmt
 import pytest
 from device_times import NO_TIMES, rx_time, tag_at
 from gnuradio import blocks, wiforce
-from gnuradio.wiforce.errors import InputError
 from press_capture import Run, array_source, counted_on
 
 
@@ -227,21 +226,3 @@ def test_times_that_are_no_times_are_ignored_and_counted():
     folded, _, fold = run_fold(noise(10 * 720), tags, frame_length=720)
     assert len(folded) == 10
     assert fold.gaps() == 0 and fold.times_ignored() == len(NO_TIMES)
-
-
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        ({"frame_length": 319}, "frame_length must be >= .*320, got 319"),
-        ({"frame_length": 720, "first_averaged": -1}, "first_averaged must be >= 0, got -1"),
-        ({"frame_length": 720, "repetitions": 0}, "repetitions must be 1 to 65536, got 0"),
-        ({"frame_length": 720, "sample_rate": 0.0}, "sample_rate must be positive, got 0"),
-        ({"frame_length": 720, "sample_rate": float("nan")}, "sample_rate must be positive"),
-        ({"frame_length": 720, "item_type": "sc8"}, "item_type must be 'fc32' or 'sc16', got"),
-    ],
-)
-def test_bad_parameters_are_named(parameters, message):
-    with pytest.raises(InputError, match=message):
-        wiforce.preamble_fold(**parameters)
-    with pytest.raises(InputError, match=message):
-        wiforce.preamble_fold.tones(np.ones((1, 4)), 4, **parameters)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce import wiforce_kernels
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.wiforce_kernels import folded_reader, tone_reader
 from long_cases import cases
@@ -203,23 +202,3 @@ def test_kernels_do_not_load_gnu_radio():
     ).stdout
     assert "fftw3f" in linked
     assert "gnuradio" not in linked
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"weights": np.ones(6)}, "weights must have 2 dimensions"),
-        ({"factors": np.ones(63)}, "factors must be as many as a symbol has samples, 64"),
-        ({"bins": [1, 64]}, "bins must be 0 to 63, got 64"),
-    ],
-)
-def test_tone_reader_with_a_bad_parameter_names_it(tmp_path, change, message):
-    (tmp_path / "x").write_bytes(bytes(8000))
-    good = {
-        "path": str(tmp_path / "x"), "datatype": "cf32_le", "segments": [(0, 0, 1000)],
-        "frame_length": 720, "first_averaged": 64, "repetitions": 4, "frame_offset": 0,
-        "symbol_length": 64, "weights": np.ones((1, 6)), "factors": np.ones(64), "rotation": [],
-        "bins": [0],
-    }  # fmt: skip
-    with pytest.raises(InputError, match=message):
-        tone_reader(**{**good, **change})

@@ -6,7 +6,6 @@ import pytest
 from device_times import rx_time
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks import names
-from gnuradio.wiforce.errors import InputError
 from press_capture import Run, array_source, counted_on
 
 FRAME = 720
@@ -96,25 +95,6 @@ def test_a_file_cut_short_is_read_as_far_as_it_goes(tmp_path, samples, held, fra
     folded, _ = run(source)
     assert len(folded) == frames
     assert source.samples_missing() == samples - held
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"path": "/nowhere/x"}, "/nowhere/x cannot be opened"),
-        ({"path": "/"}, "/ must be a regular file"),
-        ({"path": "empty"}, "empty holds no sample"),
-        ({"datatype": "cf64_le"}, "datatype must be 'ci16_le' or 'cf32_le', got 'cf64_le'"),
-        ({"segments": [(0, 0, 20), (10, 30, 5)]}, "segments must follow each other"),
-    ],
-)
-def test_bad_parameters_are_named(tmp_path, monkeypatch, change, message):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "x").write_bytes(bytes(8000))
-    (tmp_path / "empty").write_bytes(b"")
-    good = {"path": "x", "datatype": "cf32_le", "segments": [(0, 0, 1000)], "frame_length": 720}
-    with pytest.raises(InputError, match=message):
-        wiforce.recording_source(**{**good, **change})
 
 
 @pytest.fixture
