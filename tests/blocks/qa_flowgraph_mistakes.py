@@ -182,10 +182,14 @@ def test_reader_names_a_press_in_the_reference(tmp_path, scene, first):
     assert sentence.startswith("reader: arm: it may have been touched while its reference")
 
 
-def watched(folded=None):
-    """A watch of the scene, and what it says."""
+def watched(folded=None, problem=lambda sensor: "", touched=dict):
+    """A watch of the scene whose sensors have a problem or were touched, and what it says."""
     said = []
-    watch = StreamWatch(wiforce.plan(SCENE), "reader", said.append)
+    counts = SimpleNamespace(touched_reference=touched)
+    stream = SimpleNamespace(
+        counts=counts, survey=None, mean_frame=None, lasting_problem=problem, final_problem=problem
+    )
+    watch = StreamWatch(wiforce.plan(SCENE), stream, said.append)
     watch.folded = folded
     return watch, said
 
@@ -193,10 +197,10 @@ def watched(folded=None):
 def test_watch_of_groups_that_wait_to_be_read_knows_that_samples_are_finite():
     """A flowgraph that was stopped early blamed the type of its samples."""
     watch, said = watched(lambda: Folded(5000, 3))
-    watch.end(lambda _: "", lambda _: "")
+    watch.end()
     assert len(said) == 1 and "within the untouched reference of" in said[0]
     watch, said = watched(lambda: Folded(5000, 0))
-    watch.end(lambda _: "", lambda _: "")
+    watch.end()
     assert len(said) == 1 and "every frame holds samples that are NaN" in said[0]
 
 
@@ -207,33 +211,34 @@ def test_watch_of_groups_that_wait_to_be_read_knows_that_samples_are_finite():
 def test_watch_says_once_what_all_readings_say(clear, flag, sentence):
     """Readings of a tag that was switched off were weak, and the log was empty."""
     watch, said = watched()
-    watch.read([Reading(0.1 * i, "arm", 0) for i in range(clear)], lambda _: "")
-    watch.read([Reading(0.1 * i, "arm", flags=(flag,)) for i in range(clear, 60)], lambda _: "")
+    watch.read([Reading(0.1 * i, "arm", 0) for i in range(clear)])
+    watch.read([Reading(0.1 * i, "arm", flags=(flag,)) for i in range(clear, 60)])
     assert len(said) == 1 and said[0].startswith(f"reader: {sentence}")
 
 
 @pytest.mark.parametrize("doubtful, said_first", [(5, "was touched in 3"), (20, "it moved")])
 def test_watch_says_one_sentence_of_a_reference_in_doubt_and_what_follows(doubtful, said_first):
     """A doubt of half a second hid that the reference was touched, which hid the cause behind."""
-    watch, said = watched()
-    watch.touched = lambda: {"arm": "arm: was touched in 3 groups"}
+    doubts = []
+    touched = {"arm": "arm: was touched in 3 groups"}
+    watch, said = watched(None, lambda sensor: "".join(doubts), lambda: touched)
     flags = [("reference",)] * 3 + [("ambiguous",)] * doubtful + [("weak",)] * 12
     for i, each in enumerate(flags):
-        doubt = "it moved" if doubtful > 10 and i >= 13 else ""
-        watch.read([Reading(0.1 * i, "arm", 0, flags=each)], lambda _, doubt=doubt: doubt)
+        doubts[:] = ["it moved"] if doubtful > 10 and i >= 13 else []
+        watch.read([Reading(0.1 * i, "arm", 0, flags=each)])
     first, second = said if doubtful < 10 else (*said, "")
     assert f"arm: {said_first}" in first and ("no tag is found" in second) == (doubtful < 10)
 
 
 def test_watch_says_again_what_recurs_after_clear_readings():
     """Of a receiver that clipped again, days later, nothing was said."""
-    watch, said = watched()
+    watch, said = watched(problem=lambda sensor: CLIPPED)
     flags = ([()] * 5 + [("saturated",)] * 30) * 2
     for i, each in enumerate(flags):
-        watch.read([Reading(0.1 * i, "arm", 0, flags=each)], lambda _: CLIPPED)
-    watch.read([Reading(8.0, "arm", 0)], lambda _: CLIPPED)
+        watch.read([Reading(0.1 * i, "arm", 0, flags=each)])
+    watch.read([Reading(8.0, "arm", 0)])
     watch.take([SimpleNamespace(index=100, present=np.zeros(1, bool))] * 100)
-    watch.end(lambda _: CLIPPED, lambda _: CLIPPED)
+    watch.end()
     assert said == [f"reader: arm: {CLIPPED}"] * 2
 
 
