@@ -92,7 +92,7 @@ class Run:
         sink, messages = blocks.vector_sink_c(length), blocks.message_debug()
         flowgraph = gr.top_block()
         flowgraph.connect(*chain, sink)
-        for block in chain:
+        for block in chain[1:]:
             if names.INCOMPLETE in pmt.to_python(block.message_ports_out()):
                 flowgraph.msg_connect((block, names.INCOMPLETE), (messages, "store"))
         flowgraph.run()
@@ -130,3 +130,15 @@ def counted_on(tagged, count):
         number = tagged.get(n, None if number is None else number + 1)
         found.append(number)
     return found
+
+
+def cut(samples, kept):
+    """What a file holds of the (first, last) runs of a stream that are kept, and its segments."""
+    parts = [samples[first:last] for first, last in kept]
+    starts = np.cumsum([0, *map(len, parts)])
+    base = 10**6  # of the device's count
+    segments = [
+        (int(at), base + first, last - first)
+        for at, (first, last) in zip(starts, kept, strict=False)
+    ]
+    return np.concatenate(parts), segments

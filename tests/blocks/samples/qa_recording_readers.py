@@ -12,7 +12,7 @@ from gnuradio.wiforce import wiforce_kernels
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.wiforce_kernels import folded_reader, tone_reader
 from long_cases import cases
-from press_capture import Run, counted_on
+from press_capture import Run, counted_on, cut
 
 FRAME, GROUP, TONES = 720, 6, 5
 WAVEFORM = sounding_waveform()
@@ -33,15 +33,9 @@ def capture(request, tmp_path):
     if datatype == "cf32_le":
         samples = samples.astype("<f4") / 32768
         samples[30 * FRAME + 70] = np.nan
-    parts = [samples[first:last] for first, last in KEPT[kept]]
-    starts = np.cumsum([0, *map(len, parts)])
-    segments = [
-        (int(at), 10**6 + first, last - first)
-        for at, (first, last) in zip(starts, KEPT[kept], strict=False)
-    ]
-    path = tmp_path / "x.bin"
-    path.write_bytes(np.concatenate(parts).tobytes())
-    return str(path), datatype, segments, FRAME
+    data, segments = cut(samples, KEPT[kept])
+    (tmp_path / "x.bin").write_bytes(data.tobytes())
+    return str(tmp_path / "x.bin"), datatype, segments, FRAME
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import pytest
 from device_times import rx_time
 from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks import names
-from press_capture import Run, array_source, counted_on
+from press_capture import Run, array_source, counted_on, cut
 
 FRAME = 720
 
@@ -28,18 +28,6 @@ def run(*chain):
     found = Run(*chain)
     found.tags.pop(names.NOISE, None)  # held to a reference in qa_interference.py
     return found.items, found.tags
-
-
-def cut(samples, kept):
-    """The file that holds the kept (first, last) runs of a stream, and its segments."""
-    parts = [samples[first:last] for first, last in kept]
-    starts = np.cumsum([0] + [len(part) for part in parts])
-    base = 10**6  # of the device's count
-    segments = [
-        (int(at), base + first, last - first)
-        for at, (first, last) in zip(starts, kept, strict=False)
-    ]
-    return np.concatenate(parts), segments
 
 
 def whole_frames(kept, offset, first, length):
