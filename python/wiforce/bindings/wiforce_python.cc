@@ -287,15 +287,12 @@ private:
     bool d_ended = false;
 };
 
-static py::tuple read_packet(packet_reader& reader,
-                             py::array_t<std::int16_t, py::array::c_style> out)
+static py::tuple read_part(packet_reader& reader, std::int16_t* out, std::size_t most)
 {
-    std::int16_t* const samples = out.mutable_data();
-    const std::size_t most = out.shape(0);
     packet_reader::part part;
     {
         py::gil_scoped_release others;
-        part = reader.read(samples, most);
+        part = reader.read(out, most);
     }
     return py::make_tuple(part.samples, py::bytes(part.tags), part.peak, part.ended);
 }
@@ -309,11 +306,23 @@ static void bind_packets(py::module& m)
              "tag_bytes"_a)
         .def(
             "read",
-            &read_packet,
+            [](packet_reader& reader, py::array_t<std::int16_t, py::array::c_style> out) {
+                return read_part(reader, out.mutable_data(), out.shape(0));
+            },
             py::arg("out").noconvert(),
             R"(Reads a part of a packet into int16 (n, 2 antennas): the number of samples,
 0 where nothing comes within the socket's timeout; the packed tags of a packet that
-begins; the largest magnitude; whether the stream has ended.)");
+begins; the largest magnitude; whether the stream has ended.)")
+        .def(
+            "read_to",
+            [](packet_reader& reader, const gr::block& block, std::size_t most) {
+                const auto output = block.detail()->output(0);
+                return read_part(
+                    reader, static_cast<std::int16_t*>(output->write_pointer()), most);
+            },
+            "block"_a,
+            "most"_a,
+            "The same, into the output of a block that is being called.");
 }
 
 static py::object rx_time_or_none(const pmt::pmt_t& value)

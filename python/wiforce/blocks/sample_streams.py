@@ -197,17 +197,31 @@ class sample_receiver(Kept, gr.sync_block):
         items = output_items[0]
         if self._antennas > 1:
             items = np.empty((len(items), 2 * self._antennas), np.int16)
+        count = self._count_of(self._put_out, items)
+        if self._antennas > 1:
+            for antenna, out in enumerate(output_items):
+                out[:count] = items[:count, 2 * antenna : 2 * antenna + 2]
+        return count
+
+    # Arrays for each call, of a thousand per second, would take longer than what is done with them.
+
+    def handle_general_work(self, most: int, *arguments: Any) -> int:
+        search = self._search
+        found = search is None or (search.offset is not None and not search.holds)
+        if self._antennas > 1 or self._stream is None or not found:
+            return super().handle_general_work(most, *arguments)
+        self.called_s = time.monotonic()
+        return self._count_of(self._pass_on, most)
+
+    def _count_of(self, put_out: Callable[[Any], int], out: Any) -> int:
+        """What a call puts out: 0 when nothing comes for a while, or a stream has ended."""
         try:
-            count = self._put_out(items)
+            return put_out(out)
         except TimeoutError:
             return 0
         except EOFError:
             self._drop_stream()
             return 0
-        if self._antennas > 1:
-            for antenna, out in enumerate(output_items):
-                out[:count] = items[:count, 2 * antenna : 2 * antenna + 2]
-        return count
 
     @property
     def _holds(self) -> bool:
@@ -226,8 +240,15 @@ class sample_receiver(Kept, gr.sync_block):
             if search.holds:
                 return search.put_out(self, out)
         assert self._packets is not None
-        count, tags = self._take(self._packets.read(out))
-        first = 0 if search is None else search.offset or 0
+        return self._tagged(*self._take(self._packets.read(out)))
+
+    def _pass_on(self, most: int) -> int:
+        """The same into the output's buffer, once the frames are found."""
+        assert self._packets is not None
+        return self._tagged(*self._take(self._packets.read_to(self.gateway, most)))
+
+    def _tagged(self, count: int, tags: list[Tag]) -> int:
+        first = 0 if self._search is None else self._search.offset or 0
         for item, key, value in tags:
             for port in range(self._antennas):
                 self.add_item_tag(port, item - first, key, value)
