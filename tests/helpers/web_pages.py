@@ -6,9 +6,10 @@ import json
 import socket
 import threading
 import time
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from urllib.parse import urlsplit
 
+import websockets.sync.client
 from gnuradio.wiforce.io.network.zmq_sockets import ReadingsPublisher, Replies, answer_words
 from gnuradio.wiforce.io.readings import Reading
 from machine import free_port, wait_until
@@ -124,48 +125,33 @@ def untouched(time_s, sensor="arm"):
 
 
 class RawViewer:
-    """A websocket client that reads only when it is asked to."""
+    """A websocket client that reads only when it is asked to, but for a message ahead."""
 
-    def __init__(self, url, path="/readings", headers=(), receive_buffer=None):
-        parts = urlsplit(url)
-        self._socket = socket.socket()
+    def __init__(self, url, path="/readings", origin=None, receive_buffer=None):
+        parts, client = urlsplit(url), socket.socket()
         if receive_buffer is not None:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
-        self._socket.settimeout(60)
-        self._socket.connect((parts.hostname, parts.port))
-        lines = [
-            f"GET {path} HTTP/1.1",
-            f"Host: {parts.netloc}",
-            "Upgrade: websocket",
-            "Connection: Upgrade",
-            "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",  # the example of RFC 6455
-            "Sec-WebSocket-Version: 13",
-            *headers,
-        ]
-        self._socket.sendall(("\r\n".join(lines) + "\r\n\r\n").encode())
-        self._file = self._socket.makefile("rb")
-        self.status = int(self._file.readline().split()[1])
-        while self._file.readline().strip():
-            pass
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        client.connect((parts.hostname, parts.port))
+        options = {"compression": None, "max_queue": 1, "close_timeout": 1, "ping_interval": None}
+        self._open, self.status = ExitStack(), 101
+        try:
+            self._connection = self._open.enter_context(
+                websockets.sync.client.connect(
+                    f"ws://{parts.netloc}{path}", sock=client, origin=origin, **options
+                )
+            )
+        except websockets.InvalidStatus as refusal:
+            self.status = refusal.response.status_code
 
     def send(self, text):
-        """Send a short text, masked with zeros."""
-        data = text.encode()
-        self._socket.sendall(bytes([0x81, 0x80 | len(data), 0, 0, 0, 0]) + data)
+        self._connection.send(text)
 
     def message(self):
         """The next message; None after the server has closed the connection."""
-        while True:
-            head = self._file.read(2)
-            if len(head) < 2 or head[0] & 0xF == 8:
-                return None
-            length = head[1] & 0x7F
-            if length >= 126:
-                length = int.from_bytes(self._file.read(2 if length == 126 else 8), "big")
-            data = self._file.read(length)
-            if head[0] & 0xF == 1:
-                return json.loads(data)
+        try:
+            return json.loads(self._connection.recv(60))
+        except websockets.ConnectionClosed:
+            return None
 
     def close(self):
-        self._file.close()
-        self._socket.close()
+        self._open.close()

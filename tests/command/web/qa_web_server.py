@@ -111,7 +111,7 @@ def test_page_on_loopback_is_not_for_other_pages():
         assert fetch(url, Host="rebound.example")[0] == 403
         assert fetch(url, "assets/../server.py")[0] == 403
         for origin, status in (("http://other.example", 403), (url.rstrip("/"), 101)):
-            with closing(RawViewer(url, headers=[f"Origin: {origin}"])) as viewer:
+            with closing(RawViewer(url, origin=origin)) as viewer:
                 assert viewer.status == status
 
 
