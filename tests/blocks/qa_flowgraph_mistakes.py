@@ -17,7 +17,16 @@ from gnuradio.wiforce.blocks.stream_watch import Folded, StreamWatch
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.press.sensor_state import CLIPPED
-from press_capture import DEFAULT, array_source, as_floats, press_codes, run_flowgraph
+from machine import wait_until
+from press_capture import (
+    DEFAULT,
+    SLOW,
+    array_source,
+    as_floats,
+    press_codes,
+    run_flowgraph,
+    running,
+)
 
 # Half the usual rate takes half the time; frames and groups last as long as usual.
 RATE_HZ, FRAME, GROUP = 6.25e6, 360, 225_000
@@ -26,14 +35,9 @@ SCENE = DEFAULT | {
     "sounding": {"frame_length": FRAME, "repetitions": 3},
 }
 # A slow radio with a long press, which is also in the reference where the capture is cut.
-SLOW = copy.deepcopy(SCENE) | {
-    "radio": {"sample_rate_hz": 2.5e6},
-    "sounding": {"frame_length": 360},
-    "phase_group": {"snapshots": 250},
-    "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 670}],
-}
-SLOW["simulation"]["duration_s"] = 3.0
-SLOW["simulation"]["presses"][0] |= {"start_s": 0.35, "hold_s": 0.8}
+LONG = copy.deepcopy(DEFAULT | SLOW)
+LONG["simulation"]["duration_s"] = 3.0
+LONG["simulation"]["presses"][0] |= {"start_s": 0.35, "hold_s": 0.8}
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +49,7 @@ def codes(tmp_path_factory):
 @pytest.fixture(scope="module")
 def slow_codes(tmp_path_factory):
     """The same of the slow radio."""
-    return press_codes(tmp_path_factory.mktemp("slow"), SLOW)
+    return press_codes(tmp_path_factory.mktemp("slow"), LONG)
 
 
 def said_of(samples, scene=SCENE, tags=(), **settings):
@@ -152,7 +156,7 @@ def warned_in(monkeypatch):
 def test_chain_names_a_press_in_a_part_of_the_reference(slow_codes, warned_in):
     """Streams and files said it, and the chain of blocks did not."""
     logged = warned_in("chain")
-    plan = wiforce.plan(SLOW)
+    plan = wiforce.plan(LONG)
     rate_hz = plan.waveform.sample_rate_hz
     fold = wiforce.preamble_fold(**plan.waveform.folding, item_type="sc16", sample_rate=rate_hz)
     readings_of_chain(plan, array_source(slow_codes[1944 * 360 :]), fold)
@@ -162,14 +166,14 @@ def test_chain_names_a_press_in_a_part_of_the_reference(slow_codes, warned_in):
 
 def test_short_guards_are_told_from_noise_and_from_another_frame_offset(slow_codes):
     """Noise passed a frame alignment, and a wrong offset was read without a word."""
-    (sentence,) = said_of(slow_codes, SLOW, frame_offset=250)
+    (sentence,) = said_of(slow_codes, LONG, frame_offset=250)
     assert sentence.startswith("reader: frames begin at sample ")
     assert "and every 360 from there, not at sample 250" in sentence
-    (sentence,) = said_before(noise(slow_codes[: 4000 * 360]), SLOW)
+    (sentence,) = said_before(noise(slow_codes[: 4000 * 360]), LONG)
     assert "only noise or another signal" in sentence
 
 
-SHORT = copy.deepcopy(SLOW)
+SHORT = copy.deepcopy(LONG)
 SHORT["simulation"]["duration_s"] = 1.4
 SHORT["simulation"]["presses"][0] |= {"start_s": 0.5, "hold_s": 0.2}
 
@@ -280,14 +284,8 @@ def test_reader_tells_of_frames_without_groups_while_it_runs():
     bad = blocks.vector_source_c([complex(np.nan)] * FRAME, True)
     flowgraph = gr.top_block()
     flowgraph.connect(bad, reader)
-    flowgraph.start()
-    try:
-        for _ in range(200):
-            if said or reader.ended.wait(0.1):
-                break
-    finally:
-        flowgraph.stop()
-        flowgraph.wait()
+    with running(flowgraph):
+        wait_until(lambda: said or reader.ended.is_set(), 20)
     assert len(said) == 1 and "every frame holds samples that are NaN" in said[0]
 
 

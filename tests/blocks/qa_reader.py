@@ -10,7 +10,7 @@ from chain_runs import press_fold, readings_of_chain, readings_of_reader
 from device_times import rx_time, tag_at
 from gnuradio import blocks, gr, wiforce
 from machine import wait_until
-from press_capture import FRAME, GROUP, RATE_HZ, SCENE, array_source
+from press_capture import FRAME, GROUP, RATE_HZ, SCENE, array_source, running
 
 
 def read(samples, tags=()):
@@ -91,11 +91,9 @@ def test_reader_exception_ends_the_flowgraph():
     reader = wiforce.reader(SCENE, on_reading=fail)
     flowgraph = gr.top_block()
     flowgraph.connect(blocks.null_source(gr.sizeof_gr_complex), reader)
-    flowgraph.start()
-    # Dead air without end: only the failure ends it.
-    assert reader.ended.wait(60)
-    flowgraph.stop()
-    flowgraph.wait()
+    with running(flowgraph):
+        # Dead air without end: only the failure ends it.
+        assert reader.ended.wait(60)
     assert isinstance(reader.failure, RuntimeError) and reader.failure is reader.groups.failure
 
 
@@ -106,14 +104,10 @@ def test_reader_reports_what_becomes_of_a_tare():
     port = blocks.message_debug(False)
     flowgraph.connect(blocks.null_source(8), reader)
     flowgraph.msg_connect(reader, "tare_state", port, "store")
-    flowgraph.start()
-    try:
+    with running(flowgraph):
         reader.tare(done=lambda state: (states.append(state), ended.set()))
         assert ended.wait(20)
         wait_until(port.num_messages)
-    finally:
-        flowgraph.stop()
-        flowgraph.wait()
     assert [s.state for s in states] == ["refused"]
     message = pmt.to_python(port.get_message(0))
     assert message["state"] == "refused" and "first reference" in message["reason"]

@@ -5,6 +5,7 @@ import numpy as np
 import pmt
 from gnuradio import blocks, gr, wiforce
 from machine import wait_until
+from press_capture import running
 
 PRESSED = {
     "time_s": 1.0,
@@ -28,10 +29,8 @@ def streams(messages, items, **settings):
         flowgraph.connect((block, n), sink)
     for message in messages:
         block.to_basic_block()._post(pmt.intern("readings"), pmt.to_pmt(message))
-    flowgraph.start()
-    wait_until(lambda: min(len(sink.data()) for sink in sinks) >= items)
-    flowgraph.stop()
-    flowgraph.wait()
+    with running(flowgraph):
+        wait_until(lambda: min(len(sink.data()) for sink in sinks) >= items)
     return np.array([sink.data()[:items] for sink in sinks])
 
 

@@ -2,6 +2,7 @@
 """A short press as captured samples, and a source of them for flowgraphs."""
 
 from collections import defaultdict
+from contextlib import contextmanager
 
 import numpy as np
 import pmt
@@ -15,6 +16,13 @@ RATE_HZ, FRAME, SNAPSHOTS = 3.2e6, 360, 320
 # Samples of a phase group.
 GROUP = SNAPSHOTS * FRAME
 
+# A slow radio takes a fifth of the time of the usual one; groups last as long.
+SLOW = {
+    "radio": {"sample_rate_hz": 2.5e6},
+    "sounding": {"frame_length": 360},
+    "phase_group": {"snapshots": 250},
+    "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 670}],
+}
 # As sampled unless a scene states otherwise.
 DEFAULT = {
     "sensors": [{"name": "arm", "model": "line-900mhz"}],
@@ -78,6 +86,17 @@ def run_flowgraph(*chain):
     flowgraph = gr.top_block()
     flowgraph.connect(*chain)
     flowgraph.run()
+
+
+@contextmanager
+def running(flowgraph):
+    """Within the block, a flowgraph runs."""
+    flowgraph.start()
+    try:
+        yield
+    finally:
+        flowgraph.stop()
+        flowgraph.wait()
 
 
 class Run:

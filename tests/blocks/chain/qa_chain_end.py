@@ -13,7 +13,7 @@ from chain_runs import (
 )
 from device_times import rx_time
 from gnuradio import blocks, gr
-from press_capture import FRAME, GROUP, RATE_HZ, array_source
+from press_capture import FRAME, GROUP, RATE_HZ, array_source, running
 
 # Groups of the acquisition, then of the reference: 0.4 s and 0.3 s.
 ACQUISITION, REFERENCE = 11, 8
@@ -86,11 +86,9 @@ def test_chain_that_is_stopped_ends_without_its_stream(plan):
     readings, flowgraph = [], gr.top_block()
     chain = Chain(plan, readings.append)
     chain.connect(flowgraph, blocks.null_source(4), press_fold())
-    flowgraph.start()
-    while chain.to_force[0].nitems_read(0) < 2:
-        assert not chain.to_force[-1].ended.wait(0.02)
-    flowgraph.stop()
-    flowgraph.wait()
+    with running(flowgraph):
+        while chain.to_force[0].nitems_read(0) < 2:
+            assert not chain.to_force[-1].ended.wait(0.02)
     chain.check()
     assert chain.to_force[-1].ended.is_set()
 

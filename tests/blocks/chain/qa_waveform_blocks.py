@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from gnuradio import blocks, gr, wiforce
+from gnuradio import blocks, wiforce
 from gnuradio.wiforce.estimation.capture.frame import MARGIN
 from plain import normal
 from press_capture import Run, array_source
@@ -78,12 +78,10 @@ def test_blocks_take_the_sounding_of_a_scene_with_a_symbol_beside_it(tmp_path):
         alignment = wiforce.frame_alignment(given, search_frames=16)
         skip, head = blocks.skiphead(8, 100), blocks.head(8, 40 * 157)
         sounder = wiforce.sounding_source(given, amplitude=0.5)
-        flowgraph, sink = gr.top_block(), blocks.vector_sink_c()
-        flowgraph.connect(sounder, skip, head, tag, alignment, sink)
-        flowgraph.run()
+        found = Run(sounder, skip, head, tag, alignment).items[:, 0]
         # The block leaves MARGIN samples before the strongest path, for a weaker and earlier one.
         assert alignment.offset == 57 - MARGIN
-        np.testing.assert_allclose(sink.data()[MARGIN : MARGIN + 157], 0.5 * frame, atol=5e-3)
+        np.testing.assert_allclose(found[MARGIN : MARGIN + 157], 0.5 * frame, atol=5e-3)
     assert wiforce.antenna_ratio(scene).input_signature().sizeof_stream_item(0) == 8 * 48
 
 
