@@ -7,7 +7,7 @@ import numpy as np
 import pmt
 import pytest
 from chain_runs import press_fold, readings_of_chain, readings_of_reader
-from device_times import rx_time, tag_at
+from device_times import tag_at
 from gnuradio import blocks, gr, wiforce
 from machine import wait_until
 from press_capture import FRAME, GROUP, RATE_HZ, SCENE, array_source, running
@@ -65,23 +65,6 @@ def test_reader_times_count_from_the_first_sample_of_the_stream(codes, tmp_path,
         found = readings_of_chain(plan, array_source(late), press_fold(frame_offset=before))
     first_s = (before + GROUP / 2) / RATE_HZ
     assert [r.time_s for r in found] == pytest.approx([first_s + 0.036 * n for n in range(14)])
-
-
-@pytest.mark.parametrize("start, lost", [(10 * GROUP + 19_777, 801), (20 * GROUP, 2 * GROUP + 300)])
-def test_reader_lost_samples_affect_only_their_groups(codes, start, lost):
-    whole = read(codes)
-    kept = np.concatenate([codes[:start], codes[start + lost :]])
-    tags = [rx_time(0, 5.25), rx_time(start, 5.25 + (start + lost) / RATE_HZ)]
-    readings = read(kept, tags=tags)
-    assert len(readings) == len(whole)
-    hit = set(range(start // GROUP, (start + lost - 1) // GROUP + 1))
-    for i, (a, b) in enumerate(zip(whole, readings, strict=True)):
-        assert a.time_s == b.time_s
-        assert ("gap" in b.flags) == (i in hit)
-        if "gap" not in b.flags:
-            assert b.touch == a.touch
-            assert b.phase1_deg == pytest.approx(a.phase1_deg, abs=0.05)
-            assert b.phase2_deg == pytest.approx(a.phase2_deg, abs=0.05)
 
 
 def test_reader_exception_ends_the_flowgraph():
