@@ -23,6 +23,22 @@ CLOSE = {
 }
 
 
+# A reading as it comes out of a port.
+PRESSED = {
+    "time_s": 1.0,
+    "sensor": "arm",
+    "touch": 1,
+    "force_n": 4.0,
+    "force_std_n": 0.1,
+    "location_mm": 40.0,
+    "location_std_mm": 0.5,
+    "phase1_deg": 10.0,
+    "phase2_deg": -20.0,
+    "snr_db": 12.0,
+    "flags": "",
+}
+
+
 class Collector(gr.basic_block):
     """Collects readings, or other messages, and lets the test wait for them."""
 

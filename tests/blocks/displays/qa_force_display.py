@@ -7,27 +7,12 @@ import sys
 import numpy as np
 import pmt
 import pytest
-from chain_runs import Collector
+from chain_runs import PRESSED, Collector
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.gui import style, widget
 from gnuradio.wiforce.io.readings import Reading
 from press_capture import SLOW, array_source, press_codes, running
 from PyQt5 import QtWidgets
-
-PRESSED = {
-    "time_s": 1.0,
-    "sensor": "arm",
-    "touch": 1,
-    "force_n": 4.0,
-    "force_std_n": 0.1,
-    "location_mm": 40.0,
-    "location_std_mm": 0.5,
-    "phase1_deg": 10.0,
-    "phase2_deg": -20.0,
-    "snr_db": 12.0,
-    "flags": "",
-}
-
 
 # pyqtgraph warns of what goes wrong while it draws, and goes on.
 pytestmark = pytest.mark.filterwarnings("error:Ignored exception:RuntimeWarning")
