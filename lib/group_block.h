@@ -58,7 +58,6 @@ protected:
         if (emitted) {
             const int missing = d_collector.group().missing();
             const int rejected = d_collector.group().rejected();
-            const int saturated = d_collector.saturated();
             const bool incomplete = missing + rejected > 0;
             d_incomplete_groups += incomplete;
             if (d_collector.passes_snapshots())
@@ -69,21 +68,17 @@ protected:
                 const auto mean = d_collector.group().mean();
                 tag(produced, names::STATIC, pmt::init_c32vector(mean.size(), mean));
             }
-            if (missing > 0)
-                tag(produced, names::MISSING, missing);
-            if (rejected > 0)
-                tag(produced, names::REJECTED, rejected);
-            if (saturated > 0)
-                tag(produced, names::SATURATED, saturated);
-            if (d_retuned)
-                tag(produced, names::RETUNED, 1);
+            tag_count(produced, names::MISSING, missing);
+            tag_count(produced, names::REJECTED, rejected);
+            tag_count(produced, names::SATURATED, d_collector.saturated());
+            tag_count(produced, names::RETUNED, d_retuned);
             d_retuned = false;
             if (!d_misplaced.empty())
                 tag(produced,
                     names::SLIPPED,
                     pmt::init_u64vector(d_misplaced.size(), d_misplaced));
             d_misplaced.clear();
-            tag(produced, names::GROUP, d_collector.index());
+            tag(produced, names::GROUP, pmt::from_uint64(d_collector.index()));
             d_collector.transform(out + produced * d_collector.size());
             d_groups += 1;
         }
@@ -100,9 +95,10 @@ private:
     {
         this->add_item_tag(0, this->nitems_written(0) + item, pmt::mp(key), value);
     }
-    void tag(int item, const char* key, std::uint64_t value)
+    void tag_count(int item, const char* key, std::uint64_t count)
     {
-        tag(item, key, pmt::from_uint64(value));
+        if (count > 0)
+            tag(item, key, pmt::from_uint64(count));
     }
 
     // Which of the snapshots that the item consists of were received, and which of them

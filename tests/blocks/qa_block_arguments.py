@@ -5,6 +5,7 @@ import importlib
 import inspect
 import pkgutil
 import socket
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from gnuradio import gr, wiforce
 from gnuradio.wiforce import blocks
 from gnuradio.wiforce.blocks.captures import capture_source
 from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.wiforce_kernels import tone_reader
 
 KINDS = gr.basic_block, gr.sync_block, gr.hier_block2
 # Right arguments where a block has no default: types are checked before anything is opened.
@@ -52,6 +54,61 @@ def test_block_argument_of_a_wrong_type_is_refused_in_one_line(block, name, requ
     with pytest.raises(InputError, match=r"must be .*, got <wrong>$") as raised:
         block(**required | {name: wrong})
     assert raised.value.where == name and "\n" not in str(raised.value)
+
+
+# Blocks in C++, with values in range.
+OF_GROUPS = {"weights": np.ones((2, 10)), "group_length": 10}
+OF_FILE = {"path": "x", "datatype": "cf32_le", "segments": [(0, 0, 1000)], "frame_length": 720}
+FOLD = partial(wiforce.preamble_fold, frame_length=720)
+TONES = partial(wiforce.preamble_fold.tones, frame_length=720, **OF_GROUPS)
+DOPPLER = partial(wiforce.phase_group_doppler, **OF_GROUPS)
+COLLECTED = partial(wiforce.phase_group_doppler.collected, group_length=10)
+ESTIMATOR = partial(wiforce.ofdm_channel_estimator, factors=np.ones(64))
+RECORDING = partial(wiforce.recording_source, **OF_FILE)
+SYMBOLS = {"first_averaged": 64, "repetitions": 4, "frame_offset": 0, "symbol_length": 64}
+TO_CHANNEL = {"weights": np.ones((1, 6)), "factors": np.ones(64), "rotation": [], "bins": [0]}
+READER = partial(tone_reader, **OF_FILE, **SYMBOLS, **TO_CHANNEL)
+OUT_OF_RANGE = [
+    (FOLD, {"frame_length": 319}, "frame_length must be >= .*320, got 319"),
+    (FOLD, {"first_averaged": -1}, "first_averaged must be >= 0, got -1"),
+    (FOLD, {"repetitions": 0}, "repetitions must be 1 to 65536, got 0"),
+    (FOLD, {"sample_rate": 0.0}, "sample_rate must be positive, got 0"),
+    (FOLD, {"sample_rate": np.nan}, "sample_rate must be positive"),
+    (FOLD, {"item_type": "sc8"}, "item_type must be 'fc32' or 'sc16', got"),
+    (FOLD, {"symbol_length": 15}, "symbol_length must be 16 to 4096"),
+    (FOLD, {"symbol_length": 165}, r"first_averaged \+ 165 repetitions = 724"),
+    (TONES, {"frame_length": 319}, "frame_length must be >= .*320, got 319"),
+    (DOPPLER, {"group_length": 0}, "group_length must"),
+    (DOPPLER, {"group_length": 5}, "weights must have group_length = 5 columns, got 10"),
+    (DOPPLER, {"weights": np.ones(11)}, "one or more rows of group_length = 10, got 11"),
+    (DOPPLER, {"weights": np.ones(0)}, "weights must hold one or more rows"),
+    (DOPPLER, {"weights": np.full((1, 10), np.inf)}, "weights must be finite"),
+    (COLLECTED, {"symbol_length": 4097}, "symbol_length must be 16 to 4096"),
+    (ESTIMATOR, {"factors": np.ones(15)}, "factors must hold .*, got 15 values"),
+    (ESTIMATOR, {"factors": np.ones(4097)}, "factors must hold .*, got 4097 values"),
+    (ESTIMATOR, {"factors": np.full(64, np.nan)}, "factors must be finite"),
+    (ESTIMATOR, {"rows": 0}, "rows must be >= 1, got 0"),
+    (ESTIMATOR, {"rows": 2, "rotation": np.ones(64)}, "rotation must hold 128 values, got 64"),
+    (ESTIMATOR, {"rotation": np.full(64, np.inf)}, "rotation must be finite"),
+    (RECORDING, {"path": "/nowhere/x"}, "/nowhere/x cannot be opened"),
+    (RECORDING, {"path": "/"}, "/ must be a regular file"),
+    (RECORDING, {"path": "empty"}, "empty holds no sample"),
+    (RECORDING, {"datatype": "cf64_le"}, "must be 'ci16_le' or 'cf32_le', got 'cf64_le'"),
+    (RECORDING, {"segments": [(0, 0, 20), (10, 30, 5)]}, "segments must follow each other"),
+    (READER, {"weights": np.ones(6)}, "weights must have 2 dimensions"),
+    (READER, {"factors": np.ones(63)}, "factors must be as many as a symbol has samples, 64"),
+    (READER, {"bins": [1, 64]}, "bins must be 0 to 63, got 64"),
+    (wiforce.sounding_source, {"symbol_length": -1}, "symbol_length"),
+]
+
+
+@pytest.mark.parametrize("make, wrong, rule", OUT_OF_RANGE)
+def test_block_value_out_of_range_is_named(tmp_path, monkeypatch, make, wrong, rule):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "x").write_bytes(bytes(8000))
+    (tmp_path / "empty").write_bytes(b"")
+    with pytest.raises(InputError, match=rule):
+        make(**wrong)
 
 
 def test_block_arguments_of_other_numeric_types_are_taken():

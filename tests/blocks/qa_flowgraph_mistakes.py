@@ -10,14 +10,23 @@ from types import SimpleNamespace
 import numpy as np
 import pmt
 import pytest
-from chain_from_file import Chain
+from chain_runs import readings_of_chain
 from device_times import tag_at
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks.stream_watch import Folded, StreamWatch
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import Reading
 from gnuradio.wiforce.press.sensor_state import CLIPPED
-from press_capture import DEFAULT, array_source, as_floats
+from machine import wait_until
+from press_capture import (
+    DEFAULT,
+    SLOW,
+    array_source,
+    as_floats,
+    press_codes,
+    run_flowgraph,
+    running,
+)
 
 # Half the usual rate takes half the time; frames and groups last as long as usual.
 RATE_HZ, FRAME, GROUP = 6.25e6, 360, 225_000
@@ -26,26 +35,21 @@ SCENE = DEFAULT | {
     "sounding": {"frame_length": FRAME, "repetitions": 3},
 }
 # A slow radio with a long press, which is also in the reference where the capture is cut.
-SLOW = copy.deepcopy(SCENE) | {
-    "radio": {"sample_rate_hz": 2.5e6},
-    "sounding": {"frame_length": 360},
-    "phase_group": {"snapshots": 250},
-    "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 670}],
-}
-SLOW["simulation"]["duration_s"] = 3.0
-SLOW["simulation"]["presses"][0] |= {"start_s": 0.35, "hold_s": 0.8}
+LONG = copy.deepcopy(DEFAULT | SLOW)
+LONG["simulation"]["duration_s"] = 3.0
+LONG["simulation"]["presses"][0] |= {"start_s": 0.35, "hold_s": 0.8}
 
 
 @pytest.fixture(scope="module")
 def codes(tmp_path_factory):
     """ADC codes of a short press, int16 pairs; shape (n, 2)."""
-    return press_codes_of(SCENE, tmp_path_factory.mktemp("capture"))
+    return press_codes(tmp_path_factory.mktemp("capture"), SCENE)
 
 
 @pytest.fixture(scope="module")
 def slow_codes(tmp_path_factory):
     """The same of the slow radio."""
-    return press_codes_of(SLOW, tmp_path_factory.mktemp("slow"))
+    return press_codes(tmp_path_factory.mktemp("slow"), LONG)
 
 
 def said_of(samples, scene=SCENE, tags=(), **settings):
@@ -54,9 +58,7 @@ def said_of(samples, scene=SCENE, tags=(), **settings):
     settings = {"input_type": "sc16" if samples.ndim == 2 else "fc32", **settings}
     reader = wiforce.reader(scene, **settings)
     reader.groups.on_warning = said.append
-    source, flowgraph = array_source(samples, tags), gr.top_block()
-    flowgraph.connect(source, reader)
-    flowgraph.run()
+    run_flowgraph(array_source(samples, tags), reader)
     assert reader.failure is None
     return said
 
@@ -67,9 +69,7 @@ def said_before(samples, scene=SCENE):
     alignment = wiforce.frame_alignment(wiforce.load_scene(scene), item_type=item_type)
     said = []
     alignment._warn = said.append
-    source, flowgraph = array_source(samples), gr.top_block()
-    flowgraph.connect(source, alignment, blocks.null_sink(samples[:1].nbytes))
-    flowgraph.run()
+    run_flowgraph(array_source(samples), alignment, blocks.null_sink(samples[:1].nbytes))
     return said
 
 
@@ -140,33 +140,40 @@ def test_reader_refuses_a_scene_of_packets_for_what_it_is():
         wiforce.reader("wifi_packets")
 
 
-def test_chain_names_a_press_in_a_part_of_the_reference(slow_codes, monkeypatch):
+@pytest.fixture
+def warned_in(monkeypatch):
+    """What blocks of a module log as warnings, in a list that grows: ``warned_in("chain")``."""
+
+    def begin(module):
+        said = []
+        module = importlib.import_module(f"gnuradio.wiforce.blocks.{module}")
+        monkeypatch.setattr(module, "gr", SimpleNamespace(log=SimpleNamespace(warn=said.append)))
+        return said
+
+    return begin
+
+
+def test_chain_names_a_press_in_a_part_of_the_reference(slow_codes, warned_in):
     """Streams and files said it, and the chain of blocks did not."""
-    logged = []
-    module = importlib.import_module("gnuradio.wiforce.blocks.chain")
-    monkeypatch.setattr(module, "gr", SimpleNamespace(log=SimpleNamespace(warn=logged.append)))
-    plan = wiforce.plan(SLOW)
-    chain = Chain(plan, print)
+    logged = warned_in("chain")
+    plan = wiforce.plan(LONG)
     rate_hz = plan.waveform.sample_rate_hz
     fold = wiforce.preamble_fold(**plan.waveform.folding, item_type="sc16", sample_rate=rate_hz)
-    source, flowgraph = array_source(slow_codes[1944 * 360 :]), gr.top_block()
-    chain.connect(flowgraph, source, fold)
-    flowgraph.run()
-    chain.check()
+    readings_of_chain(plan, array_source(slow_codes[1944 * 360 :]), fold)
     (sentence,) = logged
     assert sentence.startswith("force_inversion: arm: was touched in ")
 
 
 def test_short_guards_are_told_from_noise_and_from_another_frame_offset(slow_codes):
     """Noise passed a frame alignment, and a wrong offset was read without a word."""
-    (sentence,) = said_of(slow_codes, SLOW, frame_offset=250)
+    (sentence,) = said_of(slow_codes, LONG, frame_offset=250)
     assert sentence.startswith("reader: frames begin at sample ")
     assert "and every 360 from there, not at sample 250" in sentence
-    (sentence,) = said_before(noise(slow_codes[: 4000 * 360]), SLOW)
+    (sentence,) = said_before(noise(slow_codes[: 4000 * 360]), LONG)
     assert "only noise or another signal" in sentence
 
 
-SHORT = copy.deepcopy(SLOW)
+SHORT = copy.deepcopy(LONG)
 SHORT["simulation"]["duration_s"] = 1.4
 SHORT["simulation"]["presses"][0] |= {"start_s": 0.5, "hold_s": 0.2}
 
@@ -175,14 +182,18 @@ SHORT["simulation"]["presses"][0] |= {"start_s": 0.5, "hold_s": 0.2}
 @pytest.mark.parametrize("scene, first", [(SHORT, 2431 * 360), ("tabletop", round(1.2 * 1.25e6))])
 def test_reader_names_a_press_in_the_reference(tmp_path, scene, first):
     """It looks like noise around the tag's lines: the message blamed the scene, or none came."""
-    (sentence,) = said_of(press_codes_of(scene, tmp_path)[first:], scene)
+    (sentence,) = said_of(press_codes(tmp_path, scene)[first:], scene)
     assert sentence.startswith("reader: arm: it may have been touched while its reference")
 
 
-def watched(folded=None):
-    """A watch of the scene, and what it says."""
+def watched(folded=None, problem=lambda sensor: "", touched=dict):
+    """A watch of the scene whose sensors have a problem or were touched, and what it says."""
     said = []
-    watch = StreamWatch(wiforce.plan(SCENE), "reader", said.append)
+    counts = SimpleNamespace(touched_reference=touched)
+    stream = SimpleNamespace(
+        counts=counts, survey=None, mean_frame=None, lasting_problem=problem, final_problem=problem
+    )
+    watch = StreamWatch(wiforce.plan(SCENE), stream, said.append)
     watch.folded = folded
     return watch, said
 
@@ -190,10 +201,10 @@ def watched(folded=None):
 def test_watch_of_groups_that_wait_to_be_read_knows_that_samples_are_finite():
     """A flowgraph that was stopped early blamed the type of its samples."""
     watch, said = watched(lambda: Folded(5000, 3))
-    watch.end(lambda _: "", lambda _: "")
+    watch.end()
     assert len(said) == 1 and "within the untouched reference of" in said[0]
     watch, said = watched(lambda: Folded(5000, 0))
-    watch.end(lambda _: "", lambda _: "")
+    watch.end()
     assert len(said) == 1 and "every frame holds samples that are NaN" in said[0]
 
 
@@ -204,43 +215,39 @@ def test_watch_of_groups_that_wait_to_be_read_knows_that_samples_are_finite():
 def test_watch_says_once_what_all_readings_say(clear, flag, sentence):
     """Readings of a tag that was switched off were weak, and the log was empty."""
     watch, said = watched()
-    watch.read([Reading(0.1 * i, "arm", 0) for i in range(clear)], lambda _: "")
-    watch.read([Reading(0.1 * i, "arm", flags=(flag,)) for i in range(clear, 60)], lambda _: "")
+    watch.read([Reading(0.1 * i, "arm", 0) for i in range(clear)])
+    watch.read([Reading(0.1 * i, "arm", flags=(flag,)) for i in range(clear, 60)])
     assert len(said) == 1 and said[0].startswith(f"reader: {sentence}")
 
 
 @pytest.mark.parametrize("doubtful, said_first", [(5, "was touched in 3"), (20, "it moved")])
 def test_watch_says_one_sentence_of_a_reference_in_doubt_and_what_follows(doubtful, said_first):
     """A doubt of half a second hid that the reference was touched, which hid the cause behind."""
-    watch, said = watched()
-    watch.touched = lambda: {"arm": "arm: was touched in 3 groups"}
+    doubts = []
+    touched = {"arm": "arm: was touched in 3 groups"}
+    watch, said = watched(None, lambda sensor: "".join(doubts), lambda: touched)
     flags = [("reference",)] * 3 + [("ambiguous",)] * doubtful + [("weak",)] * 12
     for i, each in enumerate(flags):
-        doubt = "it moved" if doubtful > 10 and i >= 13 else ""
-        watch.read([Reading(0.1 * i, "arm", 0, flags=each)], lambda _, doubt=doubt: doubt)
+        doubts[:] = ["it moved"] if doubtful > 10 and i >= 13 else []
+        watch.read([Reading(0.1 * i, "arm", 0, flags=each)])
     first, second = said if doubtful < 10 else (*said, "")
     assert f"arm: {said_first}" in first and ("no tag is found" in second) == (doubtful < 10)
 
 
 def test_watch_says_again_what_recurs_after_clear_readings():
     """Of a receiver that clipped again, days later, nothing was said."""
-    watch, said = watched()
+    watch, said = watched(problem=lambda sensor: CLIPPED)
     flags = ([()] * 5 + [("saturated",)] * 30) * 2
     for i, each in enumerate(flags):
-        watch.read([Reading(0.1 * i, "arm", 0, flags=each)], lambda _: CLIPPED)
-    watch.read([Reading(8.0, "arm", 0)], lambda _: CLIPPED)
+        watch.read([Reading(0.1 * i, "arm", 0, flags=each)])
+    watch.read([Reading(8.0, "arm", 0)])
     watch.take([SimpleNamespace(index=100, present=np.zeros(1, bool))] * 100)
-    watch.end(lambda _: CLIPPED, lambda _: CLIPPED)
+    watch.end()
     assert said == [f"reader: arm: {CLIPPED}"] * 2
 
 
-def press_codes_of(scene, folder):
-    wiforce.simulate(scene, folder / "press")
-    return np.fromfile(folder / "press.sigmf-data", "<i2").reshape(-1, 2)
-
-
 def test_frame_alignment_and_capture_source_name_why_there_are_no_frames(
-    codes, tmp_path, monkeypatch
+    codes, tmp_path, warned_in
 ):
     cause = "0.8 times that of the transmitter"
     # Twice as long as frames are searched in.
@@ -250,9 +257,7 @@ def test_frame_alignment_and_capture_source_name_why_there_are_no_frames(
     )
     assert sentence.startswith("frame_alignment: ") and cause in sentence
     samples.tofile(tmp_path / "press.bin")
-    logged = []
-    module = importlib.import_module("gnuradio.wiforce.blocks.captures")
-    monkeypatch.setattr(module, "gr", SimpleNamespace(log=SimpleNamespace(warn=logged.append)))
+    logged = warned_in("captures")
     wiforce.capture_source(tmp_path / "press.bin", SCENE, datatype="cf32_le")
     (sentence,) = logged
     assert sentence.startswith("capture_source: ")
@@ -279,14 +284,8 @@ def test_reader_tells_of_frames_without_groups_while_it_runs():
     bad = blocks.vector_source_c([complex(np.nan)] * FRAME, True)
     flowgraph = gr.top_block()
     flowgraph.connect(bad, reader)
-    flowgraph.start()
-    try:
-        for _ in range(200):
-            if said or reader.ended.wait(0.1):
-                break
-    finally:
-        flowgraph.stop()
-        flowgraph.wait()
+    with running(flowgraph):
+        wait_until(lambda: said or reader.ended.is_set(), 20)
     assert len(said) == 1 and "every frame holds samples that are NaN" in said[0]
 
 

@@ -6,24 +6,11 @@ import threading
 import numpy as np
 import pmt
 import pytest
-from chain_runs import readings_of_chain, readings_of_reader
-from device_times import rx_time, tag_at
+from chain_runs import press_fold, readings_of_chain, readings_of_reader
+from device_times import tag_at
 from gnuradio import blocks, gr, wiforce
 from machine import wait_until
-from press_capture import (
-    FRAME,
-    GROUP,
-    RATE_HZ,
-    SCENE,
-    array_source,
-    press_codes,
-)
-
-
-@pytest.fixture(scope="module")
-def codes(tmp_path_factory):
-    """ADC codes of a short press, int16 pairs; shape (n, 2)."""
-    return press_codes(tmp_path_factory.mktemp("capture"))
+from press_capture import FRAME, GROUP, RATE_HZ, SCENE, array_source, running
 
 
 def read(samples, tags=()):
@@ -51,7 +38,7 @@ def test_reader_clipped_groups_are_flagged_for_every_input(codes, tmp_path, way)
     clipped[20 * GROUP - 4 * FRAME + 300 :: FRAME][:8] = -32768  # the last of 19, the first of 20
     before = [array_source(clipped)]
     if way == "folded samples":
-        before.append(wiforce.preamble_fold(FRAME, item_type="sc16", sample_rate=RATE_HZ))
+        before.append(press_fold())
     elif way == "recording":
         clipped.tofile(tmp_path / "press.bin")
         before = [wiforce.capture_source(tmp_path / "press.bin", SCENE, datatype="ci16_le")]
@@ -71,33 +58,13 @@ def test_reader_times_count_from_the_first_sample_of_the_stream(codes, tmp_path,
     if way == "samples":
         found = readings_of_reader(SCENE, array_source(late), frame_offset=before)
     elif way == "folded":
-        settings = {"frame_offset": before, "datatype": "ci16_le"}
-        source = wiforce.capture_source(tmp_path / "late.bin", SCENE, **settings)
+        source = wiforce.capture_source(tmp_path / "late.bin", SCENE, before, "ci16_le")
         found = readings_of_reader(SCENE, source, input_type="folded", frame_offset=before)
     else:
-        settings = {"item_type": "sc16", "sample_rate": RATE_HZ, "frame_offset": before}
         plan = wiforce.plan(SCENE).with_first_frame(before)
-        fold = wiforce.preamble_fold(FRAME, **settings)
-        found = readings_of_chain(plan, array_source(late), fold)
+        found = readings_of_chain(plan, array_source(late), press_fold(frame_offset=before))
     first_s = (before + GROUP / 2) / RATE_HZ
     assert [r.time_s for r in found] == pytest.approx([first_s + 0.036 * n for n in range(14)])
-
-
-@pytest.mark.parametrize("start, lost", [(10 * GROUP + 19_777, 801), (20 * GROUP, 2 * GROUP + 300)])
-def test_reader_lost_samples_affect_only_their_groups(codes, start, lost):
-    whole = read(codes)
-    kept = np.concatenate([codes[:start], codes[start + lost :]])
-    tags = [rx_time(0, 5.25), rx_time(start, 5.25 + (start + lost) / RATE_HZ)]
-    readings = read(kept, tags=tags)
-    assert len(readings) == len(whole)
-    hit = set(range(start // GROUP, (start + lost - 1) // GROUP + 1))
-    for i, (a, b) in enumerate(zip(whole, readings, strict=True)):
-        assert a.time_s == b.time_s
-        assert ("gap" in b.flags) == (i in hit)
-        if "gap" not in b.flags:
-            assert b.touch == a.touch
-            assert b.phase1_deg == pytest.approx(a.phase1_deg, abs=0.05)
-            assert b.phase2_deg == pytest.approx(a.phase2_deg, abs=0.05)
 
 
 def test_reader_exception_ends_the_flowgraph():
@@ -107,11 +74,9 @@ def test_reader_exception_ends_the_flowgraph():
     reader = wiforce.reader(SCENE, on_reading=fail)
     flowgraph = gr.top_block()
     flowgraph.connect(blocks.null_source(gr.sizeof_gr_complex), reader)
-    flowgraph.start()
-    # Dead air without end: only the failure ends it.
-    assert reader.ended.wait(60)
-    flowgraph.stop()
-    flowgraph.wait()
+    with running(flowgraph):
+        # Dead air without end: only the failure ends it.
+        assert reader.ended.wait(60)
     assert isinstance(reader.failure, RuntimeError) and reader.failure is reader.groups.failure
 
 
@@ -122,14 +87,10 @@ def test_reader_reports_what_becomes_of_a_tare():
     port = blocks.message_debug(False)
     flowgraph.connect(blocks.null_source(8), reader)
     flowgraph.msg_connect(reader, "tare_state", port, "store")
-    flowgraph.start()
-    try:
+    with running(flowgraph):
         reader.tare(done=lambda state: (states.append(state), ended.set()))
         assert ended.wait(20)
         wait_until(port.num_messages)
-    finally:
-        flowgraph.stop()
-        flowgraph.wait()
     assert [s.state for s in states] == ["refused"]
     message = pmt.to_python(port.get_message(0))
     assert message["state"] == "refused" and "first reference" in message["reason"]

@@ -3,19 +3,11 @@
 
 import numpy as np
 import pmt
+from chain_runs import PRESSED
 from gnuradio import blocks, gr, wiforce
 from machine import wait_until
+from press_capture import running
 
-PRESSED = {
-    "time_s": 1.0,
-    "sensor": "arm",
-    "touch": 1,
-    "force_n": 4.0,
-    "force_std_n": 0.1,
-    "location_mm": 40.0,
-    "location_std_mm": 0.5,
-    "flags": "",
-}
 UNTOUCHED = {"time_s": 0.9, "sensor": "arm", "touch": 0, "flags": "reference"}
 
 
@@ -28,10 +20,8 @@ def streams(messages, items, **settings):
         flowgraph.connect((block, n), sink)
     for message in messages:
         block.to_basic_block()._post(pmt.intern("readings"), pmt.to_pmt(message))
-    flowgraph.start()
-    wait_until(lambda: min(len(sink.data()) for sink in sinks) >= items)
-    flowgraph.stop()
-    flowgraph.wait()
+    with running(flowgraph):
+        wait_until(lambda: min(len(sink.data()) for sink in sinks) >= items)
     return np.array([sink.data()[:items] for sink in sinks])
 
 

@@ -6,6 +6,7 @@ import threading
 import pmt
 from chain_from_file import Chain
 from gnuradio import gr, wiforce
+from press_capture import FRAME, RATE_HZ
 
 # Between the blocks of the chain items have single precision.
 FORCE_LIMIT_N = LOCATION_LIMIT_MM = PHASE_LIMIT_DEG = 1e-4
@@ -19,6 +20,22 @@ CLOSE = {
     "location_std_mm": LOCATION_LIMIT_MM,
     "snr_db": 1e-3,
     "interference": 1e-6,
+}
+
+
+# A reading as it comes out of a port.
+PRESSED = {
+    "time_s": 1.0,
+    "sensor": "arm",
+    "touch": 1,
+    "force_n": 4.0,
+    "force_std_n": 0.1,
+    "location_mm": 40.0,
+    "location_std_mm": 0.5,
+    "phase1_deg": 10.0,
+    "phase2_deg": -20.0,
+    "snr_db": 12.0,
+    "flags": "",
 }
 
 
@@ -42,15 +59,26 @@ class Collector(gr.basic_block):
             assert self._more.wait_for(lambda: enough(self.readings), timeout=300)
 
 
-def readings_of_chain(plan, *before, runs=1, tracked=False):
-    """Readings by one block per step, as in the examples, behind blocks that give snapshots."""
-    readings, flowgraph = [], gr.top_block()
-    chain = Chain(plan, readings.append)
-    chain.to_force[-1] = wiforce.force_inversion(plan, tracked, on_reading=readings.append)
+def press_fold(**settings):
+    """The block that folds the samples of ``press_capture.SCENE``."""
+    return wiforce.preamble_fold(FRAME, item_type="sc16", sample_rate=RATE_HZ, **settings)
+
+
+def run_chain(chain, *before, runs=1):
+    """Run one block per step behind blocks that give snapshots; raise what ended it."""
+    flowgraph = gr.top_block()
     chain.connect(flowgraph, *before)
     for _ in range(runs):
         flowgraph.run()
     chain.check()
+
+
+def readings_of_chain(plan, *before, runs=1, tracked=False):
+    """Readings by one block per step, as in the examples, behind blocks that give snapshots."""
+    readings = []
+    chain = Chain(plan, readings.append)
+    chain.to_force[-1] = wiforce.force_inversion(plan, tracked, on_reading=readings.append)
+    run_chain(chain, *before, runs=runs)
     assert chain.to_force[-1].ended.is_set()
     return readings
 

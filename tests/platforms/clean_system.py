@@ -147,8 +147,8 @@ class CleanSystem:
     def run_step(self, script: str, user: str, *arguments: str, network: bool = True) -> None:
         """Run a script of the folder ``steps`` in the system.
 
-        ``network``: false: without any but the loopback interface. Raises
-        subprocess.CalledProcessError is raised.
+        ``network``: false: without any but the loopback interface. A script that fails raises
+        subprocess.CalledProcessError.
         """
         shutil.copyfile(_STEPS / script, self.path / "step.sh")
         self._run(["bash", "/step.sh", *arguments], user, network)

@@ -47,11 +47,14 @@ public:
 
     /*!
      * \param frame_length samples per frame, at least first_averaged + symbol_length
-     * repetitions \param first_averaged first averaged sample of a frame \param
-     * repetitions repetitions of the symbol that are averaged \param sample_rate samples
-     * per second, to interpret `rx_time` \param frame_offset samples before the first
-     * frame \param item_type "fc32" or "sc16" \param symbol_length samples of the symbol,
-     * 16 to 4096 \throws std::invalid_argument naming parameter, rule and value
+     *        repetitions
+     * \param first_averaged first averaged sample of a frame
+     * \param repetitions repetitions of the symbol that are averaged
+     * \param sample_rate samples per second, to interpret `rx_time`
+     * \param frame_offset samples before the first frame
+     * \param item_type "fc32" or "sc16"
+     * \param symbol_length samples of the symbol, 16 to 4096
+     * \throws std::invalid_argument naming parameter, rule and value
      */
     static sptr make(int frame_length,
                      int first_averaged = 64,

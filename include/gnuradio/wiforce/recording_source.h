@@ -36,10 +36,12 @@ public:
      * \param datatype "ci16_le" or "cf32_le"
      * \param segments unbroken runs of samples in order; between two, samples were lost
      * \param frame_length samples per frame, at least first_averaged + symbol_length
-     * repetitions \param first_averaged first averaged sample of a frame \param
-     * repetitions repetitions of the symbol that are averaged \param frame_offset samples
-     * from the first segment's start to the first frame \param header_bytes bytes of the
-     * file before its first sample \param symbol_length samples of the symbol, 16 to 4096
+     *        repetitions
+     * \param first_averaged first averaged sample of a frame
+     * \param repetitions repetitions of the symbol that are averaged
+     * \param frame_offset samples from the first segment's start to the first frame
+     * \param header_bytes bytes of the file before its first sample
+     * \param symbol_length samples of the symbol, 16 to 4096
      * \throws std::invalid_argument naming file or parameter, rule and value
      */
     static sptr make(const std::string& path,

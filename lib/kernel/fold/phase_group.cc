@@ -47,39 +47,29 @@ void phase_group::write_to(fc32* slots)
         std::copy_n(former, offset_of(d_decided), d_slots);
 }
 
-void phase_group::skip_to(int to)
-{
-    for (; d_decided < to; d_decided++) {
-        d_mask[d_decided] = 0;
-        if (d_present > 0)
-            std::copy_n(reference(), d_symbol_length, slot(d_decided));
-    }
-}
-
 fc32* phase_group::reserve(int first_slot)
 {
-    skip_to(first_slot);
+    for (; d_decided < first_slot; d_decided++)
+        d_mask[d_decided] = 0;
     return slot(first_slot);
 }
 
 void phase_group::accept(int count)
 {
-    for (int end = d_decided + count; d_decided < end;) {
-        if (std::isnan(d_noise[d_decided].largest)) {
-            skip_to(d_decided + 1);
-            continue;
-        }
-        if (d_present == 0) {
+    for (const int end = d_decided + count; d_decided < end; d_decided++) {
+        const bool finite = !std::isnan(d_noise[d_decided].largest);
+        d_mask[d_decided] = finite;
+        if (finite && d_present == 0)
             d_reference = d_decided;
-            for (int absent = 0; absent < d_decided; absent++)
-                std::copy_n(reference(), d_symbol_length, slot(absent));
-        }
-        d_mask[d_decided++] = 1;
-        d_present++;
+        d_present += finite;
     }
 }
 
-void phase_group::finish() { skip_to(d_length); }
+void phase_group::finish()
+{
+    reserve(d_length);
+    fill_absent();
+}
 
 void phase_group::reject(const std::vector<std::uint8_t>& rejected)
 {
@@ -91,7 +81,12 @@ void phase_group::reject(const std::vector<std::uint8_t>& rejected)
         }
     if (d_present > 0)
         d_reference = std::find(d_mask.begin(), d_mask.end(), 1) - d_mask.begin();
-    for (int n = 0; n < d_length; n++)
+    fill_absent();
+}
+
+void phase_group::fill_absent()
+{
+    for (int n = 0; n < d_length && d_present + d_rejected > 0; n++)
         if (!d_mask[n] && n != d_reference)
             std::copy_n(reference(), d_symbol_length, slot(n));
 }

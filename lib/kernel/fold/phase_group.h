@@ -19,8 +19,8 @@ void note_values_not_finite(const fc32* vectors,
  *
  * A snapshot that was lost, or whose noise is NaN since it holds a value which is not
  * finite, is missing. One that was received and is not to be used is rejected. Both are
- * absent. Absent slots hold the group's first present snapshot, the reference: sums of
- * differences from it (see tone_accumulator) then need not check the mask.
+ * absent. In the end absent slots hold the group's first present snapshot, the reference:
+ * sums of differences from it (see tone_accumulator) then need not check the mask.
  */
 class phase_group
 {
@@ -74,7 +74,7 @@ public:
     std::vector<fc32> mean() const;
 
 private:
-    void skip_to(int slot);
+    void fill_absent();
     fc32* slot(int n) { return d_slots + offset_of(n); }
     std::size_t offset_of(int n) const
     {

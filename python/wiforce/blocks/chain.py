@@ -57,10 +57,11 @@ class ToneInput:
         plan = self._plan
         group_length = plan.group_length
         index = np.array([pmt.to_uint64(own[names.GROUP]) for own in tags], np.int64)
-        missing = np.array([count_of(own, names.MISSING) for own in tags])
-        saturated = np.array([count_of(own, names.SATURATED) for own in tags])
+        missing, rejected, saturated = (
+            np.array([count_of(own, name) for own in tags])
+            for name in (names.MISSING, names.REJECTED, names.SATURATED)
+        )
         tones = occupied_subcarriers(items, self.rows, plan.waveform.bins)
-        rejected = np.array([count_of(own, names.REJECTED) for own in tags])
         incomplete = missing + rejected > 0
         weights = np.ones((len(index), group_length), bool)
         # The weights of the tones null the static path, which shows what the receiver does.
@@ -80,15 +81,15 @@ class ToneInput:
             if not weights[row].any():
                 missing[row] = group_length
         groups = Groups(
-            index[:count],
-            tones[:count],
-            missing[:count],
-            is_clipped(saturated[:count], group_length),
-            np.array([names.RETUNED in own for own in tags[:count]], bool),
-            weights[:count] if incomplete.any() else None,
-            rejected[:count] / group_length,
-            static[:count],
-        )
+            index,
+            tones,
+            missing,
+            is_clipped(saturated, group_length),
+            np.array([names.RETUNED in own for own in tags], bool),
+            weights if incomplete.any() else None,
+            rejected / group_length,
+            static,
+        )[:count]
         kept = np.ones(count, bool)
         for row, own in enumerate(tags[:count]):
             # What was given before a slip was found cannot be left out.

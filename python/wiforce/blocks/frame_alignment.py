@@ -103,9 +103,7 @@ class FrameSearch:
         self._begin(found)
 
     def put_out(self, block: Any, out: Array) -> int:
-        """Copy held samples to the output of a block, with their tags; returns their number."""
-        if not self.holds:
-            return 0
+        """Copy samples that it ``holds`` to a block's output, with their tags; their number."""
         count = min(len(self._held[0]), len(out))
         out[:count] = self._held[0][:count]
         self._held[0] = self._held[0][count:]
@@ -276,15 +274,14 @@ class frame_alignment(Kept, gr.basic_block):
                 self._explain()
             self.consume(0, len(items))
             return 0
-        produced = search.put_out(self, out)
-        count = 0 if search.holds else min(len(items), len(out) - produced)
-        if count:
-            search.tags.extend(self._tags_of(count))
-            out[produced : produced + count] = items[:count]
-            produced += count
-            search.put_tags(self, produced)
+        if search.holds:
+            return search.put_out(self, out)
+        count = min(len(items), len(out))
+        search.tags.extend(self._tags_of(count))
+        out[:count] = items[:count]
+        search.put_tags(self, count)
         self.consume(0, count)
-        return produced
+        return count
 
     def start(self) -> bool:
         self._begin()  # a transmitter that starts again may begin anywhere in a frame

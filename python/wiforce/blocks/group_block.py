@@ -153,9 +153,8 @@ class GroupBlock(Kept, gr.basic_block):
     def general_work(self, input_items: list[Array], output_items: list[Array]) -> int:
         if self.failure is not None or self._flushed and not self._ready:
             return _DONE
-        room = len(output_items[0]) if self._sends else 0
-        produced, consumed = self._put_out(output_items, 0, room), 0
-        if not self._sends or produced < room:
+        consumed = 0
+        if not self._ready:
             try:
                 consumed, groups = self._next(input_items[0])
                 rows = self.vectors(groups) if self._sends and len(groups) else ()
@@ -163,9 +162,8 @@ class GroupBlock(Kept, gr.basic_block):
                 self.fail(error)
                 return _DONE
             self._ready.extend((groups[i : i + 1], row) for i, row in enumerate(rows))
-            produced = self._put_out(output_items, produced, room)
         self.consume(0, consumed)
-        return produced
+        return self._put_out(output_items[0]) if self._sends else 0
 
     def _next(self, items: Array) -> tuple[int, Groups]:
         """Take the items; when all are taken and the input has ended, flush."""
@@ -186,14 +184,12 @@ class GroupBlock(Kept, gr.basic_block):
             tags[tag.offset - first][pmt.symbol_to_string(tag.key)] = tag.value
         return tags
 
-    def _put_out(self, output_items: list[Array], produced: int, room: int) -> int:
-        while self._ready and produced < room:
-            group, vector = self._ready.popleft()
-            output_items[0][produced] = vector
-            offset = self.nitems_written(0) + produced
-            self.add_item_tag(0, offset, _STATE, state_to_pmt(group))
-            produced += 1
-        return produced
+    def _put_out(self, out: Array) -> int:
+        count, first = min(len(self._ready), len(out)), self.nitems_written(0)
+        for item in range(count):
+            group, out[item] = self._ready.popleft()
+            self.add_item_tag(0, first + item, _STATE, state_to_pmt(group))
+        return count
 
 
 class SnapshotSink(GroupBlock):

@@ -47,9 +47,7 @@ class group_reader(ReadingPort, SnapshotSink):
         self.on_warning: Callable[[str], None] = gr.log.warn
         environment = plan.require_scene().environment
         sampled = environment.receive_antennas == 1 and environment.reader_clock == "shared"
-        self.watch = StreamWatch(plan, "reader", self._warn, frame_offset, sampled)
-        self.watch.survey = lambda: self.stream.survey
-        self.watch.touched = self.stream.counts.touched_reference
+        self.watch = StreamWatch(plan, self.stream, self._warn, frame_offset, sampled)
         SnapshotSink.__init__(self, "group_reader", plan.group_length, plan.waveform.symbol_length)
         self.open_port(on_reading)
         self._numbers = itertools.count()
@@ -67,7 +65,7 @@ class group_reader(ReadingPort, SnapshotSink):
     def finish(self) -> None:
         """Give the readings of the groups that are still held back."""
         self._publish(self.stream.finish())
-        self.watch.end(self.stream.lasting_problem, self.stream.final_problem)
+        self.watch.end()
         self._end_tare("the run has ended")
 
     def start(self) -> bool:
@@ -80,7 +78,7 @@ class group_reader(ReadingPort, SnapshotSink):
 
     def _publish(self, readings: list[Reading]) -> None:
         self.publish(readings)
-        self.watch.read(readings, self.stream.lasting_problem)
+        self.watch.read(readings)
 
     def _warn(self, sentence: str) -> None:
         self.on_warning(sentence)
@@ -248,7 +246,7 @@ class reader(Kept, gr.hier_block2):
         enlarge_output_buffer(first, math.ceil(_BUFFERED_S / settings.group_period_s))
         self.groups = group_reader(settings, tracked, on_reading, frame_offset)
         if self.fold is not None:
-            self.groups.stream.mean_frame = self.groups.watch.mean_frame = self.fold.mean_frame
+            self.groups.stream.mean_frame = self.fold.mean_frame
             self.groups.watch.folded = partial(_folded, self.fold)
             self.fold.expect_carrier(settings.center_frequency_hz)
         # The inner connections hold C++ parts only: GNU Radio never destroys those of messages to

@@ -200,24 +200,20 @@ class free_fold(Kept, gr.basic_block):
         self._marks.append((self._count, key, value))
 
     def _put_out(self, outputs: list[Array]) -> int:
-        produced = 0
-        room = min(map(len, outputs))
-        while self._waiting and produced < room:
-            vectors, noise, full = self._waiting[0]
-            count = min(len(vectors), room - produced)
-            for port, out in enumerate(outputs):
-                out[produced : produced + count] = vectors[:count, port]
-                tag = noise_value(noise[:count, port])
-                self.add_item_tag(port, self._written, _NOISE, tag)
-            for item in np.flatnonzero(full[:count]):
-                value = pmt.from_uint64(1)
-                self.add_item_tag(0, self._written + int(item), _SATURATED, value)
-            while self._marks and self._marks[0][0] < self._written + count:
-                item, key, value = self._marks.pop(0)
-                self.add_item_tag(0, item, key, value)
-            self._waiting[0] = vectors[count:], noise[count:], full[count:]
-            if count == len(vectors):
-                self._waiting.pop(0)
-            produced += count
-            self._written += count
-        return produced
+        if not self._waiting:
+            return 0
+        vectors, noise, full = self._waiting[0]
+        count = min(map(len, (vectors, *outputs)))
+        for port, out in enumerate(outputs):
+            out[:count] = vectors[:count, port]
+            self.add_item_tag(port, self._written, _NOISE, noise_value(noise[:count, port]))
+        for item in np.flatnonzero(full[:count]):
+            self.add_item_tag(0, self._written + int(item), _SATURATED, pmt.from_uint64(1))
+        while self._marks and self._marks[0][0] < self._written + count:
+            item, key, value = self._marks.pop(0)
+            self.add_item_tag(0, item, key, value)
+        self._waiting[0] = vectors[count:], noise[count:], full[count:]
+        if count == len(vectors):
+            self._waiting.pop(0)
+        self._written += count
+        return count

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import pmt
-from gnuradio import gr
 
 from ..estimation.capture.folded_groups import SnapshotGroup
 from ..estimation.capture.recorded_frames import (
@@ -17,12 +16,11 @@ from ..estimation.capture.recorded_frames import (
     level_problem,
     snapshots_problem,
 )
-from ..estimation.groups import Array
-from ..estimation.room.survey import Survey
 from ..io.readings import Reading
 from ..planning.findings import wrong_clock, wrong_clocks
 from ..planning.plan import Plan
 from ..press.sensor_state import CLIPPED, PATIENCE_S, describe_doubt, describe_silence
+from ..receiver.stream import StreamReader
 from ..wiforce_kernels import timeline
 from ..wiforce_python import rx_time_value
 
@@ -77,29 +75,25 @@ class Folded(NamedTuple):
 
 
 class StreamWatch:
-    """Watches what passes a reader, and says once what is wrong with it.
+    """Watches what passes a reader, and reports once what is wrong with it.
 
     The first cause that lasts for a second is said, then nothing until readings are clear: what
-    follows from it would hide it. ``report`` is GNU Radio's log by default, ``sampled`` excludes
-    ratios; ``folded`` is what samples were cut into, before it is read, ``touched`` what to say of
-    sensors that were touched in the reference.
+    follows from it would hide it. ``sampled`` excludes ratios; ``folded`` is what samples were cut
+    into, before it is read.
     """
 
     def __init__(
         self,
         plan: Plan,
-        name: str,
-        report: Callable[[str], None] | None = None,
+        stream: StreamReader,
+        report: Callable[[str], None],
         frame_offset: int = 0,
         sampled: bool = True,
     ) -> None:
-        self._plan, self._name = plan, name
-        self._report = gr.log.warn if report is None else report
+        self._plan, self._stream, self._report = plan, stream, report
         self._frame_offset, self._sampled = frame_offset, sampled
-        self.mean_frame: Callable[[], Array] | None = None
+        self._frames_seen = False
         self.folded: Callable[[], Folded] | None = None
-        self.survey: Callable[[], Survey | None] = lambda: None
-        self.touched: Callable[[], dict[str, str]] = dict
         self._quiet = False  # after a sentence, until readings are clear
         # What was said, without times: of each sensor ("": of the samples) until it is clear, and
         # ever.
@@ -126,7 +120,7 @@ class StreamWatch:
             return False
         self._unclear[sensor].add(timeless)
         self._said.add(timeless)
-        self._report(f"{self._name}: {sentence}")
+        self._report(f"reader: {sentence}")
         return True
 
     def take(self, groups: Sequence[SnapshotGroup]) -> None:
@@ -137,8 +131,9 @@ class StreamWatch:
                 self._look(group)
         if groups and not self._problem:
             self._unclear[""].clear()
-        if self.mean_frame is not None and len(frame := self.mean_frame()):
-            self.mean_frame = None
+        mean_frame = self._stream.mean_frame
+        if not self._frames_seen and mean_frame is not None and len(frame := mean_frame()):
+            self._frames_seen = True
             waveform = self._plan.waveform
             self.say(self._level or frame_problem(frame, waveform, self._frame_offset))
 
@@ -154,8 +149,8 @@ class StreamWatch:
         if self._problem and time_s - self._since_s >= PATIENCE_S:
             self.say(self._problem)
 
-    def read(self, readings: Sequence[Reading], problem: Callable[[str], str]) -> None:
-        """Look at readings; ``problem``: why untouched phases were not known for a second."""
+    def read(self, readings: Sequence[Reading]) -> None:
+        """Look at readings."""
         for reading in readings:
             if reading.flags == ():
                 self._clear.add(reading.sensor)
@@ -170,8 +165,9 @@ class StreamWatch:
             known = reading.touch is not None and "ambiguous" not in reading.flags
             if known and reading.sensor not in self._begun:
                 self._begun.add(reading.sensor)
-                if not problem(reading.sensor):  # a doubt that lasted says as much
-                    touched = self.touched().get(reading.sensor, "")
+                # A doubt that lasted says as much.
+                if not self._stream.lasting_problem(reading.sensor):
+                    touched = self._stream.counts.touched_reference().get(reading.sensor, "")
                     self._say_once(touched, reading.sensor)  # is no cause of others
             waiting = self._readings.setdefault(reading.sensor, [])
             if waiting and not _CAUSES.intersection(waiting[0].flags, reading.flags):
@@ -181,7 +177,7 @@ class StreamWatch:
             while waiting and waiting[-1].time_s - waiting[0].time_s >= PATIENCE_S:
                 # Before a problem of the samples lasts as long, that of the readings is no cause.
                 if not self._problem:
-                    self.say(self._cause(sensor, waiting, problem), sensor)
+                    self.say(self._cause(sensor, waiting, self._stream.lasting_problem), sensor)
                 waiting.clear()
 
     def _cause(
@@ -192,7 +188,7 @@ class StreamWatch:
         if "saturated" in flags:
             return describe_doubt(sensor, CLIPPED)
         unknown = flags and sensor not in self._clear
-        if unknown and (clock := wrong_clock(self.survey(), self._plan, sensor)):
+        if unknown and (clock := wrong_clock(self._stream.survey, self._plan, sensor)):
             return clock
         unread = "moved" in flags and all(reading.touch is None for reading in readings)
         if ("ambiguous" in flags or unread) and (doubt := problem(sensor)):
@@ -260,10 +256,10 @@ class StreamWatch:
         """End watching."""
         self._stopped.set()
 
-    def end(self, problem: Callable[[str], str], final: Callable[[str], str]) -> None:
-        """Say why a stream was not read, or is in doubt; ``final`` where no reading was clear."""
+    def end(self) -> None:
+        """Say why a stream was not read, or is in doubt."""
         self.stop()
-        plan, group_s = self._plan, self._plan.group_period_s
+        plan, stream, group_s = self._plan, self._stream, self._plan.group_period_s
         self.say(self._problem)
         folded = Folded(0, self._groups) if self.folded is None else self.folded()
         self.say(self._refusal(folded))
@@ -285,14 +281,14 @@ class StreamWatch:
             return
         for sensor, readings in self._readings.items():
             if readings and sensor not in self._clear:
-                self.say(self._cause(sensor, readings, final), sensor)
+                self.say(self._cause(sensor, readings, stream.final_problem), sensor)
         for each in plan.sensors:
-            doubt = (problem if self._clear else final)(each.name)
+            doubt = (stream.lasting_problem if self._clear else stream.final_problem)(each.name)
             # One that was solved meanwhile is reported as well.
             if doubt and (report := describe_doubt(each.name, doubt)) not in self._said:
                 self.say(report, each.name)
         if not self._clear:
-            for wrong in wrong_clocks(self.survey(), self._plan).values():
+            for wrong in wrong_clocks(stream.survey, plan).values():
                 self.say(wrong)
             if self._readings:
                 self.say(ALL_FLAGGED)

@@ -17,13 +17,10 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.simulation.simulator import simulate
+from press_capture import SLOW
 from wiforce_app.read.recordings import read_capture
 
-# A slow radio takes a fifth of the time; groups last as long as usual.
-SCENE = {
-    "radio": {"sample_rate_hz": 2.5e6},
-    "sounding": {"frame_length": 360},
-    "phase_group": {"snapshots": 250},
+SCENE = SLOW | {
     "sensors": [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": 670}],
     "environment": {"reader_clock": "free", "receive_antennas": 2},
     "reference_s": 0.3,

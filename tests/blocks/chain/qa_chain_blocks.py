@@ -5,7 +5,13 @@ import numpy as np
 import pmt
 import pytest
 from chain_from_file import Chain
-from chain_runs import assert_equal_readings, readings_of_chain, readings_of_reader
+from chain_runs import (
+    assert_equal_readings,
+    press_fold,
+    readings_of_chain,
+    readings_of_reader,
+    run_chain,
+)
 from device_times import rx_time, tag_at
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks import names
@@ -15,28 +21,8 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.receiver.recording import RecordingReader
 from plain import make_air
-from press_capture import (
-    DEFAULT,
-    FRAME,
-    GROUP,
-    RATE_HZ,
-    SCENE,
-    array_source,
-    press_codes,
-    run_flowgraph,
-)
+from press_capture import DEFAULT, FRAME, GROUP, RATE_HZ, SCENE, Run, array_source, run_flowgraph
 from wiforce_app.bench.air import TagOnAir
-
-
-@pytest.fixture(scope="module")
-def codes(tmp_path_factory):
-    """ADC codes of a short press, int16 pairs; shape (n, 2)."""
-    return press_codes(tmp_path_factory.mktemp("capture"))
-
-
-@pytest.fixture(scope="module")
-def plan():
-    return wiforce.plan(SCENE)
 
 
 def readings_of_receiver(plan, codes, lost, tracked):
@@ -70,9 +56,8 @@ def test_chain_blocks_reader_and_receiver_give_equal_readings(codes, plan, lost,
         tags = [rx_time(0, 0.0), rx_time(lost.start, lost.stop / RATE_HZ)]
     expected = readings_of_receiver(plan, codes, lost, tracked)
     assert len(expected) == 25 and sum(r.touch == 1 for r in expected) >= 8
-    fold = wiforce.preamble_fold(FRAME, item_type="sc16", sample_rate=RATE_HZ)
     for found in (
-        readings_of_chain(plan, array_source(kept, tags), fold, tracked=tracked),
+        readings_of_chain(plan, array_source(kept, tags), press_fold(), tracked=tracked),
         readings_of_reader(plan, array_source(kept, tags), tracked=tracked),
     ):
         # Single precision in the C++ blocks and between the Python ones.
@@ -139,8 +124,7 @@ def test_chain_gap_without_its_message_affects_only_its_group(codes, plan):
     source = array_source(np.delete(codes, LOST, axis=0), tags)
     readings = []
     chain = Chain(plan, readings.append)
-    fold = wiforce.preamble_fold(FRAME, item_type="sc16", sample_rate=RATE_HZ)
-    run_flowgraph(source, fold, chain.tones, chain.channel, *chain.to_force)
+    run_flowgraph(source, press_fold(), chain.tones, chain.channel, *chain.to_force)
     chain.check()
     assert [r.touch for r in readings[16:21]] == [1, 1, None, 1, 1]
     assert readings[18].flags == ("gap",) and readings[18].force_n is None
@@ -150,14 +134,8 @@ def test_chain_block_invalid_message_ends_the_flowgraph(plan):
     separation = wiforce.end_separation(plan)
     separation.to_basic_block()._post(pmt.intern(names.INCOMPLETE), pmt.PMT_T)
     rows = len(plan.table.tones)
-    run_flowgraph(
-        array_source(np.zeros((3, 64 * rows), np.complex64), group_tags(3)), separation, sink_of(2)
-    )
+    Run(array_source(np.zeros((3, 64 * rows), np.complex64), group_tags(3)), separation)
     assert separation.failure is not None
-
-
-def sink_of(ends):
-    return blocks.null_sink(ends * 64 * gr.sizeof_gr_complex)
 
 
 def group_tags(count):
@@ -172,16 +150,10 @@ def test_chain_blocks_unoccupied_bins_are_neither_read_nor_sent():
     air = make_air(plan.group_length, [TagOnAir(untouched_deg=(35.0, -80.0))], 26, 20.0)
     tones = np.full((count, len(plan.table.tones), 64), np.nan, np.complex64)
     tones[:, :, occupied] = [plan.table.weights @ air.group(g) for g in range(count)]
-    separation = wiforce.end_separation(plan, derotated=False)
-    difference = wiforce.conjugate_difference(plan)
-    ends, changes = blocks.vector_sink_c(128), blocks.vector_sink_c(128)
-    source = array_source(tones.reshape(count, -1), group_tags(count))
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, separation, difference, changes)
-    flowgraph.connect(separation, ends)
-    flowgraph.run()
-    for sink in (ends, changes):
-        vectors = np.reshape(sink.data(), (count, 2, 64))
+    for later in ([], [wiforce.conjugate_difference(plan)]):
+        chain = [wiforce.end_separation(plan, derotated=False), *later]
+        source = array_source(tones.reshape(count, -1), group_tags(count))
+        vectors = Run(source, *chain).items.reshape(count, 2, 64)
         assert np.all(vectors[:, :, ~occupied] == 0)
         assert np.all(np.isfinite(vectors)) and np.all(vectors[:, :, occupied] != 0)
 
@@ -215,12 +187,8 @@ class Mean(gr.sync_block):
 def test_block_of_ones_own_is_told_what_the_next_one_needs(plan, codes):
     chain = Chain(plan, print)
     chain.to_force[2] = Mean()
-    source, flowgraph = array_source(codes), gr.top_block()
-    fold = wiforce.preamble_fold(FRAME, item_type="sc16", sample_rate=RATE_HZ)
-    chain.connect(flowgraph, source, fold)
-    flowgraph.run()
     with pytest.raises(InputError, match="^tag state: must hold phase_std_deg, which Subcarrier"):
-        chain.check()
+        run_chain(chain, array_source(codes), press_fold())
 
 
 def separated(index, locked, offsets_ppm):

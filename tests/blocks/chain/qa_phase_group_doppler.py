@@ -5,46 +5,17 @@ import numpy as np
 import pmt
 import pytest
 from device_times import tag_at
-from gnuradio import blocks, gr, wiforce
-from press_capture import array_source, numbers_in
+from gnuradio import wiforce
+from press_capture import Run, array_source
 
 
-class Run:
-    """One run of a Doppler block: P (groups, M, 64), group indices, missing counts, PDUs."""
-
-    def __init__(self, snapshots, doppler, indices=None, chunk=None):
-        indices = np.arange(len(snapshots)) if indices is None else np.asarray(indices)
-        jumps = [n for n in range(len(indices)) if n == 0 or indices[n] != indices[n - 1] + 1]
-        tags = [tag_at(n, "snapshot", pmt.from_uint64(int(indices[n]))) for n in jumps]
-        items = np.asarray(snapshots, np.complex64)
-        source = array_source(items, tags)
-        packets = blocks.copy(64 * gr.sizeof_gr_complex)
-        if chunk:
-            packets.set_max_noutput_items(chunk)
-        sink = blocks.vector_sink_c(64 * doppler.rows())
-        messages = blocks.message_debug()
-        flowgraph = gr.top_block()
-        flowgraph.connect(source, packets, doppler, sink)
-        flowgraph.msg_connect((doppler, "incomplete"), (messages, "store"))
-        flowgraph.run()
-        self.block = doppler
-        self.tones = np.array(sink.data()).reshape(-1, doppler.rows(), 64)
-        self.groups = numbers_in(sink, "group")
-        self.missing = numbers_in(sink, "missing")
-        self.static = [
-            pmt.c32vector_elements(t.value) for t in sink.tags() if str(t.key) == "static"
-        ]
-        self.pdus = []
-        for n in range(messages.num_messages()):
-            about, data = (f(messages.get_message(n)) for f in (pmt.car, pmt.cdr))
-            about = {k: pmt.dict_ref(about, pmt.intern(k), pmt.PMT_NIL) for k in ("group", "mask")}
-            self.pdus.append(
-                (
-                    pmt.to_uint64(about["group"]),
-                    np.array(pmt.u8vector_elements(about["mask"]), bool),
-                    np.array(pmt.c32vector_elements(data)).reshape(-1, 64),
-                )
-            )
+def run_over(snapshots, doppler, indices=None, chunk=None):
+    """A run over snapshots with these indices, and P (groups, M, 64)."""
+    indices = np.arange(len(snapshots)) if indices is None else np.asarray(indices)
+    jumps = [n for n in range(len(indices)) if n == 0 or indices[n] != indices[n - 1] + 1]
+    tags = [tag_at(n, "snapshot", pmt.from_uint64(int(indices[n]))) for n in jumps]
+    run = Run(array_source(np.asarray(snapshots, np.complex64), tags, chunk), doppler)
+    return run, run.items.reshape(-1, doppler.rows(), 64)
 
 
 def tones(snapshots, weights):
@@ -71,10 +42,10 @@ def test_tag_static_is_the_mean_of_the_snapshots_that_are_there():
     snapshots = random_complex(100, 64)
     kept = np.delete(np.arange(100), [60, 61, 75])
     doppler = wiforce.phase_group_doppler(random_complex(2, 50, seed=2), 50)
-    run = Run(snapshots[kept], doppler, kept)
+    run, _ = run_over(snapshots[kept], doppler, kept)
     wanted = [snapshots[:50].mean(axis=0), snapshots[kept[50:]].mean(axis=0)]
     # Items have single precision.
-    assert np.allclose(run.static, wanted, rtol=0, atol=1e-6)
+    assert np.allclose([*run.tags["static"].values()], wanted, rtol=0, atol=1e-6)
 
 
 TABLES = {
@@ -92,13 +63,14 @@ TABLES = {
 @pytest.mark.parametrize("table", TABLES)
 def test_tones_are_the_weighted_sums_whatever_the_table_and_packet_size(table, chunk):
     snapshots, weights = random_complex(4 * 50 + 13, 64, seed=2), TABLES[table]
-    run = Run(snapshots, wiforce.phase_group_doppler(weights, 50), chunk=chunk)
+    doppler = wiforce.phase_group_doppler(weights, 50)
+    run, found = run_over(snapshots, doppler, chunk=chunk)
     want = tones(snapshots.astype(np.complex64), weights)
-    assert run.tones.shape == want.shape == (4, len(weights), 64)
-    np.testing.assert_allclose(run.tones, want, atol=1e-6 * np.abs(want).max())
-    assert run.groups == {0: 0, 1: 1, 2: 2, 3: 3}
-    assert run.missing == {} and run.pdus == []
-    assert (run.block.groups(), run.block.incomplete_groups()) == (4, 0)
+    assert found.shape == want.shape == (4, len(weights), 64)
+    np.testing.assert_allclose(found, want, atol=1e-6 * np.abs(want).max())
+    assert run.tags["group"] == {0: 0, 1: 1, 2: 2, 3: 3}
+    assert "missing" not in run.tags and run.incomplete == []
+    assert (doppler.groups(), doppler.incomplete_groups()) == (4, 0)
 
 
 @pytest.mark.parametrize("clutter_db", [None, 60])
@@ -112,25 +84,10 @@ def test_accuracy_holds_beside_static_clutter(clutter_db):
         snapshots = snapshots + 10 ** (clutter_db / 20) * np.exp(0.3j * np.arange(64))
     items = snapshots.astype(np.complex64)  # the block's accuracy, not that of its input
     weights = tone_weights(group_length, harmonics)
-    run = Run(items, wiforce.phase_group_doppler(weights, group_length))
+    _, found = run_over(items, wiforce.phase_group_doppler(weights, group_length))
     want = tones(items, weights)
-    error = np.abs(run.tones - want).max() / np.abs(want).max()
+    error = np.abs(found - want).max() / np.abs(want).max()
     assert error < (1e-5 if clutter_db is None else 10 ** (-90 / 20))
-
-
-def incomplete_run(doppler, group_length, absent, not_finite=(), count=None):
-    """A run without the absent snapshots; returns it, the snapshots with zeros, and the mask."""
-    count = count or 6 * group_length
-    snapshots = random_complex(count, 64, seed=5)
-    keep = np.ones(count, bool)
-    keep[list(absent)] = False
-    sent = snapshots.copy()
-    for n, value in zip(not_finite, [np.nan, np.inf, -np.inf * 1j] * len(not_finite), strict=False):
-        sent[n, 17] = value
-    run = Run(sent[keep], doppler, indices=np.flatnonzero(keep), chunk=40)
-    keep[list(not_finite)] = False
-    snapshots[~keep] = 0
-    return run, snapshots, keep
 
 
 @pytest.mark.parametrize("mode", ["real rows", "pairs and singles", "spectrum"])
@@ -146,20 +103,28 @@ def test_incomplete_groups_are_announced_and_their_snapshots_given(mode):
     # Group 0: its first ones and one inside; group 2 from its middle to the end; group 3
     # wholly; group 4: more than a block of sums; group 5: values that are not finite, the
     # first one too.
-    absent = [0, 1, 2, 30, *range(2 * 50 + 25, 4 * 50 + 35)]
-    run, snapshots, present = incomplete_run(doppler, length, absent, not_finite=(250, 260, 299))
+    present = np.ones(6 * length, bool)
+    present[[0, 1, 2, 30, *range(2 * 50 + 25, 4 * 50 + 35)]] = False
+    kept = np.flatnonzero(present)
+    snapshots = random_complex(len(present), 64, seed=5)
+    sent = snapshots.copy()
+    sent[[250, 260, 299], 17] = np.nan, np.inf, -np.inf * 1j
+    run, found = run_over(sent[kept], doppler, kept, chunk=40)
+    present[[250, 260, 299]] = False
+    snapshots[~present] = 0
     want = tones(snapshots.astype(np.complex64), weights)
     emitted = [0, 1, 2, 4, 5]
-    np.testing.assert_allclose(run.tones, want[emitted], atol=1e-6 * np.abs(want).max())
-    assert list(run.groups.values()) == emitted
+    np.testing.assert_allclose(found, want[emitted], atol=1e-6 * np.abs(want).max())
+    groups = run.tags["group"]
+    assert list(groups.values()) == emitted
     counts = {0: 4, 2: 25, 4: 35, 5: 3}
-    assert {run.groups[offset]: n for offset, n in run.missing.items()} == counts
-    assert [group for group, _, _ in run.pdus] == list(counts)
-    for group, mask, items in run.pdus:
+    assert {groups[offset]: n for offset, n in run.tags["missing"].items()} == counts
+    assert [group for group, _, _ in run.incomplete] == list(counts)
+    for group, mask, items in run.incomplete:
         part = slice(group * length, (group + 1) * length)
         np.testing.assert_array_equal(mask, present[part])
         np.testing.assert_array_equal(items, snapshots[part].astype(np.complex64))
-    assert run.block.incomplete_groups() == 4
+    assert doppler.incomplete_groups() == 4
 
 
 @pytest.mark.parametrize(
@@ -172,22 +137,7 @@ def test_incomplete_groups_are_announced_and_their_snapshots_given(mode):
 )
 def test_groups_follow_the_grid_of_the_indices(indices, groups, missing):
     snapshots, weights = random_complex(len(indices), 64), TABLES["any"]
-    run = Run(snapshots, wiforce.phase_group_doppler(weights, 50), indices=indices)
-    assert list(run.groups.values()) == groups and run.missing == missing
+    run, found = run_over(snapshots, wiforce.phase_group_doppler(weights, 50), indices)
+    assert list(run.tags["group"].values()) == groups and run.tags["missing"] == missing
     if len(groups) == 3:
-        np.testing.assert_allclose(run.tones[1:], tones(snapshots[20:], weights), atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("weights", "group_length", "message"),
-    [
-        (np.ones((2, 10)), 0, "group_length must"),
-        (np.ones((2, 10)), 5, "weights must have group_length = 5 columns, got 10"),
-        (np.ones(11), 10, "weights must hold one or more rows of group_length = 10, got 11"),
-        (np.ones(0), 10, "weights must hold one or more rows"),
-        (np.full((1, 10), np.inf), 10, "weights must be finite"),
-    ],
-)
-def test_bad_parameters_are_named(weights, group_length, message):
-    with pytest.raises(ValueError, match=message):
-        wiforce.phase_group_doppler(weights=weights, group_length=group_length)
+        np.testing.assert_allclose(found[1:], tones(snapshots[20:], weights), atol=1e-4)

@@ -5,21 +5,15 @@ import numpy as np
 import pmt
 import pytest
 from device_times import NO_TIMES, rx_time, tag_at
-from gnuradio import blocks, gr, wiforce
-from gnuradio.wiforce.errors import InputError
-from press_capture import array_source, counted_on, numbers_in, run_flowgraph
+from gnuradio import blocks, wiforce
+from press_capture import Run, array_source, counted_on
 
 
 def run_fold(samples, tags=(), chunk=None, **parameters):
     """Folded vectors, {offset: snapshot} and the block, after a run over the samples."""
     fold = wiforce.preamble_fold(**parameters)
-    source = array_source(samples, tags)
-    packets = blocks.copy(samples[:1].nbytes)
-    if chunk:
-        packets.set_max_noutput_items(chunk)
-    sink = blocks.vector_sink_c(64)
-    run_flowgraph(source, packets, fold, sink)
-    return np.array(sink.data()).reshape(-1, 64), numbers_in(sink, "snapshot"), fold
+    run = Run(array_source(samples, tags, chunk), fold)
+    return run.items, run.tags["snapshot"], fold
 
 
 def reference_fold(samples, frame_length, first=64, repetitions=4, offset=0):
@@ -61,17 +55,15 @@ def test_flowgraph_that_is_started_again_reads_tags_from_its_first_item_on():
     """GNU Radio counts items anew then; the tags of before would be searched for far behind."""
     samples = noise(40 * 720)
     source = blocks.vector_source_c(samples.tolist(), False, 1, [rx_time(0, 10.0)])
-    fold, sink = wiforce.preamble_fold(720), blocks.vector_sink_c(64)
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, fold, sink)
-    flowgraph.run()
+    fold = wiforce.preamble_fold(720)
+    Run(source, fold)
     assert fold.snapshots() == 40 and fold.gaps() == 0
     source.rewind()
     source.set_data(samples.tolist(), [rx_time(0, 20.0)])
-    flowgraph.run()
+    run = Run(source, fold)
     assert fold.gaps() == 1 and fold.samples_lost() == 125_000_000 - len(samples)
     first = 125_000_000 // 720 + 1  # its frame begins within the gap's last frame
-    assert first in numbers_in(sink, "snapshot").values()
+    assert first in run.tags["snapshot"].values()
 
 
 def with_losses(samples, losses, rate, start=1000.25):
@@ -155,14 +147,14 @@ def test_tones_in_one_thread_are_those_of_two_blocks_to_the_bit(chunk, item_type
     parameters = {"frame_length": 720, "sample_rate": rate, "item_type": item_type}
     two = [wiforce.preamble_fold(**parameters), wiforce.phase_group_doppler(weights, group_length)]
     one = [wiforce.preamble_fold.tones(weights, group_length, **parameters)]
-    (want, want_tags, want_pdus), (tones, tone_tags, pdus) = (
-        run_tones(received, tags, chunk, chain) for chain in (two, one)
-    )
-    np.testing.assert_array_equal(tones, want)
-    assert tone_tags == want_tags
-    assert pdus == want_pdus
-    assert len(want) == 9  # of 11: two whole groups are lost
-    assert len(want_pdus) == (4 if item_type == "fc32" else 3)
+    want, found = (Run(array_source(received, tags, chunk), *chain) for chain in (two, one))
+    np.testing.assert_array_equal(found.items, want.items)
+    assert found.tags == want.tags
+    for group, same in zip(found.incomplete, want.incomplete, strict=True):
+        for value, of_same in zip(group, same, strict=True):
+            np.testing.assert_array_equal(value, of_same)
+    assert len(want.items) == 9  # of 11: two whole groups are lost
+    assert len(want.incomplete) == (4 if item_type == "fc32" else 3)
     assert one[0].gaps() == two[0].gaps() == 3
     assert one[0].snapshots() == two[0].snapshots()
 
@@ -174,25 +166,20 @@ def test_collected_groups_hold_the_snapshots_with_their_mask(chunk):
     samples = np.random.default_rng(5).integers(-2000, 2000, size=(90 * 720, 2)).astype(np.int16)
     received, tags, _ = with_losses(samples, [(720 * 11 + 100, 1500), (720 * 30, 720 * 20)], rate)
     parameters = {"frame_length": 720, "sample_rate": rate, "item_type": "sc16"}
-    fold = wiforce.preamble_fold(**parameters)
     two = [wiforce.preamble_fold(**parameters), wiforce.phase_group_doppler.collected(length)]
     one = [wiforce.preamble_fold.collected(length, **parameters)]
     for collecting in (one[0], two[1]):  # no port that never sends anything
         assert not pmt.to_python(collecting.message_ports_out())
-    folded, tones_tags, _ = run_tones(received, tags, chunk, [fold])
-    by_snapshot, snapshot = {}, 0
-    for offset, vector in enumerate(folded):
-        snapshot = tones_tags.get((offset, "snapshot"), snapshot)
-        by_snapshot[snapshot] = vector
-        snapshot += 1
+    folded, snapshots, _ = run_fold(received, tags, chunk, **parameters)
+    by_snapshot = dict(zip(counted_on(snapshots, len(folded)), folded, strict=True))
     for chain in (one, two):
-        items, own, pdus = run_tones(received, tags, chunk, chain)
-        assert not pdus and len(items) == 9
-        for row, item in enumerate(items.reshape(-1, length, 64)):
-            first = own[row, "group"] * length
+        run = Run(array_source(received, tags, chunk), *chain)
+        assert len(run.items) == 9
+        for row, item in enumerate(run.items.reshape(-1, length, 64)):
+            first = run.tags["group"][row] * length
             present = np.array([first + n in by_snapshot for n in range(length)])
-            assert own.get((row, "mask"), [1] * length) == present.tolist()
-            assert own.get((row, "missing"), 0) == np.sum(~present)
+            assert run.tags["mask"].get(row, [1] * length) == present.tolist()
+            assert run.tags["missing"].get(row, 0) == np.sum(~present)
             for n in np.flatnonzero(present):
                 np.testing.assert_array_equal(item[n], by_snapshot[first + n])
             assert not item[~present].any()
@@ -219,35 +206,6 @@ def test_mean_frame_is_empty_without_all_frames(frames):
     assert len(fold.mean_frame()) == 0
 
 
-def run_tones(samples, tags, chunk, chain):
-    """Tones, their tags and the PDUs of incomplete groups, as plain values."""
-    source, packets = array_source(samples, tags), blocks.copy(samples[:1].nbytes)
-    if chunk:
-        packets.set_max_noutput_items(chunk)
-    length = chain[-1].output_signature().sizeof_stream_item(0) // gr.sizeof_gr_complex
-    sink, messages = blocks.vector_sink_c(length), blocks.message_debug()
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, packets, *chain, sink)
-    if pmt.to_python(chain[-1].message_ports_out()):
-        flowgraph.msg_connect((chain[-1], "incomplete"), (messages, "store"))
-    flowgraph.run()
-    found = {(t.offset, str(t.key)): plain_value(t.value) for t in sink.tags()}
-    pdus = [pmt.serialize_str(messages.get_message(n)) for n in range(messages.num_messages())]
-    return np.array(sink.data()).reshape(-1, length), found, pdus
-
-
-def plain_value(value):
-    """Value of a tag as a number or a list."""
-    for is_vector, elements in (
-        (pmt.is_f32vector, pmt.f32vector_elements),
-        (pmt.is_u8vector, pmt.u8vector_elements),
-        (pmt.is_c32vector, pmt.c32vector_elements),
-    ):
-        if is_vector(value):
-            return list(elements(value))
-    return pmt.to_uint64(value)
-
-
 def test_a_collected_group_goes_on_after_a_stop():
     """The memory in which a group begins is given back when a flowgraph stops."""
     samples, length = noise(10 * 720), 4
@@ -255,12 +213,10 @@ def test_a_collected_group_goes_on_after_a_stop():
     source = blocks.vector_source_c(samples.tolist())
     fold = wiforce.preamble_fold.collected(length, frame_length=720)
     for first, groups in ((0, 2), (8, 3)):
-        sink, flowgraph = blocks.vector_sink_c(64 * length), gr.top_block()
-        flowgraph.connect(source, fold, sink)
-        flowgraph.run()
+        found = Run(source, fold).items
         source.rewind()
         want = frames[(np.arange(groups * length) + first) % len(frames)]
-        assert np.array_equal(np.array(sink.data(), np.complex64).reshape(-1, 64), want)
+        assert np.array_equal(found.reshape(-1, 64), want)
 
 
 def test_times_that_are_no_times_are_ignored_and_counted():
@@ -270,21 +226,3 @@ def test_times_that_are_no_times_are_ignored_and_counted():
     folded, _, fold = run_fold(noise(10 * 720), tags, frame_length=720)
     assert len(folded) == 10
     assert fold.gaps() == 0 and fold.times_ignored() == len(NO_TIMES)
-
-
-@pytest.mark.parametrize(
-    ("parameters", "message"),
-    [
-        ({"frame_length": 319}, "frame_length must be >= .*320, got 319"),
-        ({"frame_length": 720, "first_averaged": -1}, "first_averaged must be >= 0, got -1"),
-        ({"frame_length": 720, "repetitions": 0}, "repetitions must be 1 to 65536, got 0"),
-        ({"frame_length": 720, "sample_rate": 0.0}, "sample_rate must be positive, got 0"),
-        ({"frame_length": 720, "sample_rate": float("nan")}, "sample_rate must be positive"),
-        ({"frame_length": 720, "item_type": "sc8"}, "item_type must be 'fc32' or 'sc16', got"),
-    ],
-)
-def test_bad_parameters_are_named(parameters, message):
-    with pytest.raises(InputError, match=message):
-        wiforce.preamble_fold(**parameters)
-    with pytest.raises(InputError, match=message):
-        wiforce.preamble_fold.tones(np.ones((1, 4)), 4, **parameters)

@@ -7,11 +7,11 @@ import numpy as np
 import pmt
 import pytest
 from device_times import tag_at
-from gnuradio import gr, wiforce
+from gnuradio import wiforce
 from gnuradio.wiforce.blocks import names
 from gnuradio.wiforce.blocks.group_block import state_to_pmt
 from gnuradio.wiforce.estimation.groups import Groups
-from press_capture import array_source
+from press_capture import array_source, run_flowgraph
 
 # 2000 snapshots per second.
 SCENE = {
@@ -24,9 +24,7 @@ SCENE = {
 
 def shown(display, *items_and_tags):
     """Run items through a display."""
-    flowgraph, source = gr.top_block(), array_source(*items_and_tags)
-    flowgraph.connect(source, display)
-    flowgraph.run()
+    run_flowgraph(array_source(*items_and_tags), display)
     return display.widget
 
 

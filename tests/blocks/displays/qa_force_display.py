@@ -7,26 +7,12 @@ import sys
 import numpy as np
 import pmt
 import pytest
-from chain_runs import Collector
+from chain_runs import PRESSED, Collector
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.gui import style, widget
 from gnuradio.wiforce.io.readings import Reading
+from press_capture import SLOW, array_source, press_codes, running
 from PyQt5 import QtWidgets
-
-PRESSED = {
-    "time_s": 1.0,
-    "sensor": "arm",
-    "touch": 1,
-    "force_n": 4.0,
-    "force_std_n": 0.1,
-    "location_mm": 40.0,
-    "location_std_mm": 0.5,
-    "phase1_deg": 10.0,
-    "phase2_deg": -20.0,
-    "snr_db": 12.0,
-    "flags": "",
-}
-
 
 # pyqtgraph warns of what goes wrong while it draws, and goes on.
 pytestmark = pytest.mark.filterwarnings("error:Ignored exception:RuntimeWarning")
@@ -132,15 +118,11 @@ def test_block_shows_messages_and_sends_tare(qt):
     refused = pmt.to_pmt({"state": "refused", "reason": "arm is touched"})
     states = blocks.message_strobe(refused, 5)
     flowgraph.msg_connect(states, "strobe", block, "tare_state")
-    flowgraph.start()
-    try:
+    with running(flowgraph):
         while not (block.widget.sensors() and block.widget._outcome.toolTip()):
             block.widget.refresh()
         block.widget._tare.click()
         collector.wait_for(bool)
-    finally:
-        flowgraph.stop()
-        flowgraph.wait()
     assert block.widget.latest("arm").location_mm == 40.0
     assert len(collector.readings) == 1
     assert block.widget._outcome.toolTip() == "tare refused: arm is touched"
@@ -149,19 +131,12 @@ def test_block_shows_messages_and_sends_tare(qt):
 
 def test_block_whose_recording_has_ended_keeps_and_counts_all_readings(qt, tmp_path):
     """The window went empty ten seconds after the end, and nobody saw that it was the end."""
-    scene = {
-        "radio": {"sample_rate_hz": 2.5e6},
-        "sounding": {"frame_length": 360},
-        "phase_group": {"snapshots": 250},
-        "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 670}],
-        "reference_s": 0.1,
-        "simulation": {"truth_model": "line-900mhz", "duration_s": 0.3},
-    }
-    wiforce.simulate(scene, tmp_path / "short")
+    simulated = {"truth_model": "line-900mhz", "duration_s": 0.3}
+    scene = SLOW | {"reference_s": 0.1, "simulation": simulated}
+    samples = array_source(press_codes(tmp_path, scene))
     flowgraph, reader = gr.top_block(), wiforce.reader(scene, input_type="sc16")
     block = wiforce.force_display()
     block.widget._timer.stop()
-    samples = blocks.file_source(4, str(tmp_path / "short.sigmf-data"))
     flowgraph.connect(samples, reader)
     flowgraph.msg_connect(reader, "readings", block, "readings")
     flowgraph.run()

@@ -6,25 +6,11 @@ import pytest
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.signal.waveform import sounding_waveform
+from press_capture import Run, run_flowgraph
 
 FRAME = 720
 RATE = 12.5e6
 QUIET = {"snr_db": 100.0, "static_clutter_db": 20.0, "clock_offset_ppm": 0.0}
-
-
-class Probe(gr.sync_block):
-    """Passes on, calls ``action`` once when ``at`` samples have gone by."""
-
-    def __init__(self, at, action):
-        gr.sync_block.__init__(self, "probe", [np.complex64], [np.complex64])
-        self.at, self.action, self.done_at = at, action, None
-
-    def work(self, input_items, output_items):
-        if self.done_at is None and self.nitems_read(0) >= self.at:
-            self.action()
-            self.done_at = self.nitems_read(0)
-        output_items[0][:] = input_items[0]
-        return len(output_items[0])
 
 
 class Collector(gr.sync_block):
@@ -39,13 +25,9 @@ class Collector(gr.sync_block):
         return len(input_items[0])
 
 
-def run(tag, frames, amplitude=0.5, probe=None):
-    flowgraph = gr.top_block()
-    source = wiforce.sounding_source(amplitude=amplitude)
-    head = blocks.head(gr.sizeof_gr_complex, frames * FRAME)
-    sink = Collector()
-    flowgraph.connect(source, head, *([probe] if probe else []), tag, sink)
-    flowgraph.run()
+def run(tag, frames, amplitude=0.5):
+    source, sink = wiforce.sounding_source(amplitude=amplitude), Collector()
+    run_flowgraph(source, blocks.head(gr.sizeof_gr_complex, frames * FRAME), tag, sink)
     return np.concatenate(sink.parts)
 
 
@@ -89,11 +71,11 @@ def test_force_and_location_turn_the_ends_as_the_sensor_model_says():
         assert abs(np.angle(np.mean(seen / turn), deg=True)) < 0.2
 
 
-def test_clock_offset_set_while_running_moves_the_lines_and_keeps_the_phase():
+def test_clock_offset_that_is_set_moves_the_lines():
     tag = wiforce.backscatter_tag(**QUIET)
     run(tag, 20)  # a second run of the flowgraph goes on
-    probe = Probe(0, lambda: tag.set_clock_offset_ppm(1000.0))
-    received = run(tag, 9000, probe=probe)[FRAME * 500 :]
+    tag.set_clock_offset_ppm(1000.0)  # is taken over by the running block
+    received = run(tag, 9000)[FRAME * 500 :]
     # Line 4 is 3.11 dB below line 1, and moves by four times as much: 4 Hz.
     assert level_db(ends(received, clock_hz=1001.0)[1]) == pytest.approx(-23.1, abs=0.1)
     assert level_db(ends(received, clock_hz=1000.0)[1]) < -26
@@ -125,26 +107,19 @@ def test_effects_act_in_a_flowgraph_and_may_not_repeat_parameters():
         wiforce.backscatter_tag(effects={"lamp": {}})
 
 
-def take(source, count, item_size):
-    flowgraph = gr.top_block()
-    head = blocks.head(item_size, count)
-    sink = blocks.vector_sink_c() if item_size == 8 else blocks.vector_sink_s(2)
-    flowgraph.connect(source, head, sink)
-    flowgraph.run()
-    return np.array(sink.data())
-
-
 def test_frames_follow_each_other_and_sc16_has_full_scale_32767():
-    pairs = take(wiforce.sounding_source(item_type="sc16", amplitude=0.5), 1440, 4)
-    floats = take(wiforce.sounding_source(amplitude=0.5), 1440, 8)
+    sink = blocks.vector_sink_s(2)
+    source = wiforce.sounding_source(item_type="sc16", amplitude=0.5)
+    run_flowgraph(source, blocks.head(4, 2 * FRAME), sink)
+    floats = Run(wiforce.sounding_source(amplitude=0.5), blocks.head(8, 2 * FRAME)).items.ravel()
     np.testing.assert_allclose(floats, sent(2), atol=1e-7)
-    np.testing.assert_allclose(pairs, floats.view(float) * 32767, atol=0.51)
+    np.testing.assert_allclose(sink.data(), floats.view(np.float32) * 32767, atol=0.51)
 
 
 def test_amplitude_can_change_and_never_beyond_full_scale():
     source = wiforce.sounding_source()
     source.set_amplitude(0.1)
-    power = np.mean(np.abs(take(source, 320, 8)) ** 2)
+    power = np.mean(np.abs(Run(source, blocks.head(8, 320)).items) ** 2)
     assert power == pytest.approx(0.01, rel=1e-5)
     with pytest.raises(ValueError, match="amplitude: must be above 0 and at most"):
         source.set_amplitude(1.1)

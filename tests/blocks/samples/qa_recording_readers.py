@@ -6,15 +6,13 @@ import subprocess
 import threading
 
 import numpy as np
-import pmt
 import pytest
-from gnuradio import blocks, gr, wiforce
+from gnuradio import wiforce
 from gnuradio.wiforce import wiforce_kernels
-from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.wiforce_kernels import folded_reader, tone_reader
 from long_cases import cases
-from press_capture import counted_on, numbers_in, run_flowgraph
+from press_capture import Run, counted_on, cut
 
 FRAME, GROUP, TONES = 720, 6, 5
 WAVEFORM = sounding_waveform()
@@ -35,15 +33,9 @@ def capture(request, tmp_path):
     if datatype == "cf32_le":
         samples = samples.astype("<f4") / 32768
         samples[30 * FRAME + 70] = np.nan
-    parts = [samples[first:last] for first, last in KEPT[kept]]
-    starts = np.cumsum([0, *map(len, parts)])
-    segments = [
-        (int(at), 10**6 + first, last - first)
-        for at, (first, last) in zip(starts, KEPT[kept], strict=False)
-    ]
-    path = tmp_path / "x.bin"
-    path.write_bytes(np.concatenate(parts).tobytes())
-    return str(path), datatype, segments, FRAME
+    data, segments = cut(samples, KEPT[kept])
+    (tmp_path / "x.bin").write_bytes(data.tobytes())
+    return str(tmp_path / "x.bin"), datatype, segments, FRAME
 
 
 @pytest.fixture(scope="module")
@@ -83,29 +75,21 @@ def test_tone_reader_over_gaps_gives_what_the_flowgraph_gives(capture, settings,
     source = wiforce.recording_source(*capture)
     doppler = wiforce.phase_group_doppler(weights, GROUP)
     estimator = wiforce.ofdm_channel_estimator(factors, TONES, rotation)
-    sink, messages = blocks.vector_sink_c(64 * TONES), blocks.message_debug()
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, doppler, estimator, sink)
-    flowgraph.msg_connect((doppler, "incomplete"), (messages, "store"))
-    flowgraph.run()
-    want = np.array(sink.data()).reshape(-1, TONES, 64)[:, :, bins]
+    run = Run(source, doppler, estimator)
+    want = run.items.reshape(-1, TONES, 64)[:, :, bins]
     assert tones.dtype == np.complex64 and tones.shape == want.shape
     np.testing.assert_array_equal(tones, want)
     for key, values in (("group", index), ("missing", missing), ("saturated", saturated)):
-        tagged = numbers_in(sink, key)
-        assert values.tolist() == [tagged.get(n, 0) for n in range(len(want))], key
+        assert values.tolist() == [run.tags[key].get(n, 0) for n in range(len(want))], key
     assert len(index) > 5
     assert reader.snapshots() == source.snapshots()
     assert reader.samples_missing() == reader.frames_moved() == 0
 
-    assert len(incomplete) == messages.num_messages()
-    for n, (group, mask, folded) in enumerate(incomplete):
-        meta, vectors = (part(messages.get_message(n)) for part in (pmt.car, pmt.cdr))
-        assert group == pmt.to_uint64(pmt.dict_ref(meta, pmt.intern("group"), pmt.PMT_NIL))
-        want_mask = pmt.u8vector_elements(pmt.dict_ref(meta, pmt.intern("mask"), pmt.PMT_NIL))
-        assert mask.dtype == bool and mask.tolist() == [bool(m) for m in want_mask]
-        snapshots = np.array(pmt.c32vector_elements(vectors)).reshape(GROUP, 64)
-        np.testing.assert_array_equal(folded, snapshots[mask])
+    for (group, mask, folded), announced in zip(incomplete, run.incomplete, strict=True):
+        assert (
+            group == announced[0] and mask.dtype == bool and mask.tolist() == announced[1].tolist()
+        )
+        np.testing.assert_array_equal(folded, announced[2][mask])
 
 
 @pytest.mark.parametrize("batch_size", [1, 7, 1000])
@@ -116,12 +100,11 @@ def test_folded_reader_over_gaps_gives_what_the_block_gives(capture, batch_size)
         np.concatenate([batch[key] for batch in found])
         for key in ("snapshot", "folded", "saturated")
     )
-    source, sink = wiforce.recording_source(*capture), blocks.vector_sink_c(64)
-    run_flowgraph(source, sink)
-    np.testing.assert_array_equal(folded, np.array(sink.data()).reshape(-1, 64))
-    assert snapshot.tolist() == counted_on(numbers_in(sink, "snapshot"), len(folded))
+    run = Run(wiforce.recording_source(*capture))
+    np.testing.assert_array_equal(folded, run.items)
+    assert snapshot.tolist() == counted_on(run.tags["snapshot"], len(folded))
     assert saturated.dtype == bool
-    assert set(np.flatnonzero(saturated)) == set(numbers_in(sink, "saturated"))
+    assert set(np.flatnonzero(saturated)) == set(run.tags["saturated"])
 
 
 LONG_GROUP = 256  # is not read at once, so that two are folded side by side
@@ -213,23 +196,3 @@ def test_kernels_do_not_load_gnu_radio():
     ).stdout
     assert "fftw3f" in linked
     assert "gnuradio" not in linked
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"weights": np.ones(6)}, "weights must have 2 dimensions"),
-        ({"factors": np.ones(63)}, "factors must be as many as a symbol has samples, 64"),
-        ({"bins": [1, 64]}, "bins must be 0 to 63, got 64"),
-    ],
-)
-def test_tone_reader_with_a_bad_parameter_names_it(tmp_path, change, message):
-    (tmp_path / "x").write_bytes(bytes(8000))
-    good = {
-        "path": str(tmp_path / "x"), "datatype": "cf32_le", "segments": [(0, 0, 1000)],
-        "frame_length": 720, "first_averaged": 64, "repetitions": 4, "frame_offset": 0,
-        "symbol_length": 64, "weights": np.ones((1, 6)), "factors": np.ones(64), "rotation": [],
-        "bins": [0],
-    }  # fmt: skip
-    with pytest.raises(InputError, match=message):
-        tone_reader(**{**good, **change})

@@ -2,13 +2,11 @@
 """recording_source against numpy, and against the stream blocks that it stands for."""
 
 import numpy as np
-import pmt
 import pytest
 from device_times import rx_time
-from gnuradio import blocks, gr, wiforce
+from gnuradio import gr, wiforce
 from gnuradio.wiforce.blocks import names
-from gnuradio.wiforce.errors import InputError
-from press_capture import array_source, counted_on, run_flowgraph
+from press_capture import Run, array_source, counted_on, cut
 
 FRAME = 720
 
@@ -25,34 +23,11 @@ def as_complex(samples):
     return (samples[:, 0] + 1j * samples[:, 1]) / scale
 
 
-def value_of(tag):
-    """The number, or the numbers, of a tag."""
-    if pmt.is_u64vector(tag.value):
-        return tuple(pmt.u64vector_elements(tag.value))
-    return pmt.to_uint64(tag.value)
-
-
 def run(*chain):
     """Output and tags {key: {offset: value}} of a chain."""
-    sink = blocks.vector_sink_c(64)
-    run_flowgraph(*chain, sink)
-    tags = {}
-    for tag in sink.tags():
-        if str(tag.key) != names.NOISE:  # held to a reference in qa_interference.py
-            tags.setdefault(str(tag.key), {})[tag.offset] = value_of(tag)
-    return np.array(sink.data()).reshape(-1, 64), tags
-
-
-def cut(samples, kept):
-    """The file that holds the kept (first, last) runs of a stream, and its segments."""
-    parts = [samples[first:last] for first, last in kept]
-    starts = np.cumsum([0] + [len(part) for part in parts])
-    base = 10**6  # of the device's count
-    segments = [
-        (int(at), base + first, last - first)
-        for at, (first, last) in zip(starts, kept, strict=False)
-    ]
-    return np.concatenate(parts), segments
+    found = Run(*chain)
+    found.tags.pop(names.NOISE, None)  # held to a reference in qa_interference.py
+    return found.items, found.tags
 
 
 def whole_frames(kept, offset, first, length):
@@ -108,25 +83,6 @@ def test_a_file_cut_short_is_read_as_far_as_it_goes(tmp_path, samples, held, fra
     folded, _ = run(source)
     assert len(folded) == frames
     assert source.samples_missing() == samples - held
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"path": "/nowhere/x"}, "/nowhere/x cannot be opened"),
-        ({"path": "/"}, "/ must be a regular file"),
-        ({"path": "empty"}, "empty holds no sample"),
-        ({"datatype": "cf64_le"}, "datatype must be 'ci16_le' or 'cf32_le', got 'cf64_le'"),
-        ({"segments": [(0, 0, 20), (10, 30, 5)]}, "segments must follow each other"),
-    ],
-)
-def test_bad_parameters_are_named(tmp_path, monkeypatch, change, message):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "x").write_bytes(bytes(8000))
-    (tmp_path / "empty").write_bytes(b"")
-    good = {"path": "x", "datatype": "cf32_le", "segments": [(0, 0, 1000)], "frame_length": 720}
-    with pytest.raises(InputError, match=message):
-        wiforce.recording_source(**{**good, **change})
 
 
 @pytest.fixture

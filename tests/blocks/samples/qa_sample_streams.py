@@ -26,7 +26,7 @@ from gnuradio.wiforce.blocks.sample_streams import (
 from gnuradio.wiforce.blocks.stream_watch import Timeline, time_value
 from gnuradio.wiforce.estimation.capture.frame import MARGIN
 from gnuradio.wiforce.signal.waveform import sounding_waveform
-from press_capture import array_source, run_flowgraph
+from press_capture import array_source, run_flowgraph, running
 
 RATE, FRAME = 1e6, 400
 
@@ -37,12 +37,9 @@ def codes(count, seed=1):
 
 def received(receiver, feed):
     """Samples and tags that a receiver gives while ``feed()`` runs in another thread."""
-    sink = blocks.vector_sink_s(2)
-    flowgraph = gr.top_block()
-    flowgraph.connect(receiver, sink)
-    feeding = threading.Thread(target=feed)
+    sink, feeding = blocks.vector_sink_s(2), threading.Thread(target=feed)
     feeding.start()
-    flowgraph.run()
+    run_flowgraph(receiver, sink)
     feeding.join()
     found = [(tag.offset, pmt.symbol_to_string(tag.key), tag.value) for tag in sink.tags()]
     return np.array(sink.data(), np.int16).reshape(-1, 2), sorted(found, key=lambda tag: tag[0])
@@ -116,18 +113,14 @@ def test_sender_with_an_interval_sends_together_what_arrives_meanwhile():
     ours, theirs = socket.socketpair()
     sent = codes(100_000)
     flowgraph, heads = gr.top_block(), []
-    source, sender = array_source(sent), sample_sender(theirs, interval_s=0.1)
-    source.set_max_noutput_items(1000)
+    source, sender = array_source(sent, packet=1000), sample_sender(theirs, interval_s=0.1)
     flowgraph.connect(source, sender)
-    flowgraph.start()
-    with ours:
+    with ours, running(flowgraph):
         data = b""
         while len(data) < sent.nbytes:
             samples, _ = struct.unpack("<II", ours.recv(8, socket.MSG_WAITALL))
             heads.append(samples)
             data += ours.recv(SAMPLE_BYTES * samples, socket.MSG_WAITALL)
-    flowgraph.stop()
-    flowgraph.wait()
     theirs.close()
     assert np.array_equal(np.frombuffer(data, np.int16).reshape(-1, 2), sent)
     assert len(heads) < 20  # of 100 pieces of 1000 samples

@@ -12,6 +12,7 @@ from gnuradio import blocks, gr, uhd, wiforce
 from gnuradio.wiforce.blocks.usrp import timed_frames
 from gnuradio.wiforce.errors import InputError
 from live_runs import FRAMES, SLOW, scene_file, wait_until
+from press_capture import run_flowgraph, running
 from PyQt5.QtWidgets import QDoubleSpinBox
 from software_usrp import SoftwareUsrp
 
@@ -27,14 +28,14 @@ def scene(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def running(scene):
+def software(scene):
     with SoftwareUsrp(scene, "--delay-us", DELAY_US) as device:
         yield device
 
 
 @pytest.fixture(scope="module")
-def device(running):
-    return f"{running.args},{FRAMES}"
+def device(software):
+    return f"{software.args},{FRAMES}"
 
 
 @pytest.fixture
@@ -96,27 +97,25 @@ def test_usrp_of_another_program_is_refused(scene, monkeypatch):
         wiforce.usrp(scene, "addr=1")
 
 
-def test_usrp_both_directions_start_at_one_time_in_every_run(running, device, scene):
+def test_usrp_both_directions_start_at_one_time_in_every_run(software, device, scene):
     """The delay from transmitter to receiver would otherwise be another one in each run."""
     usrp, offsets = wiforce.usrp(scene, device), []
     for _ in range(2):
         flowgraph = gr.top_block()
         received = blocks.null_sink(4)
         flowgraph.connect(usrp, received)
-        flowgraph.start()
-        wait_until(lambda seen=received: seen.nitems_read(0) > 100_000)
-        flowgraph.stop()
-        flowgraph.wait()
+        with running(flowgraph):
+            wait_until(lambda seen=received: seen.nitems_read(0) > 100_000)
         flowgraph.disconnect_all()
         offsets.append(usrp.alignment.offset)
     # The transmitter of the second run goes on within a frame.
     delay = DELAY_US * 2.5
     assert delay - EARLY <= offsets[0] <= delay
     assert offsets[1] is not None
-    assert running.command("status")["streaming_s"] > 0
+    assert software.command("status")["streaming_s"] > 0
     del usrp, flowgraph
     gc.collect()  # blocks refer to each other
-    wait_until(lambda: running.command("status")["streaming_s"] == 0)  # the device is closed
+    wait_until(lambda: software.command("status")["streaming_s"] == 0)  # the device is closed
 
 
 @pytest.mark.parametrize("late_s", [0.02, 0.5, 96.25])
@@ -130,11 +129,10 @@ def test_times_begin_anew_by_whole_frames_once_they_have_passed(late_s):
         return answers.pop(0) if answers else (0, 0.0)
 
     timed = timed_frames(lambda: (3, 0.75), device_time, items.reshape(-1, 2), rate)
-    sink, flowgraph = blocks.vector_sink_s(2), gr.top_block()
+    sink = blocks.vector_sink_s(2)
     timed.set_output_multiple(1)
     timed.set_max_noutput_items(most)
-    flowgraph.connect(timed, blocks.head(4, 20 * frame), sink)
-    flowgraph.run()
+    run_flowgraph(timed, blocks.head(4, 20 * frame), sink)
     assert np.array_equal(sink.data(), np.tile(items, 20))
     first, second = sink.tags()
     for tag in (first, second):

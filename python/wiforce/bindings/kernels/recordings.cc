@@ -11,19 +11,14 @@ using segment_list = std::vector<std::array<std::uint64_t, 3>>;
 
 // An array that takes over the memory of its values.
 template <class T>
-static py::array_t<T> owned(std::vector<T>&& values, std::vector<py::ssize_t> shape)
+static py::array_t<T> owned(std::vector<T>&& values, std::vector<py::ssize_t> shape = {})
 {
+    if (shape.empty())
+        shape.push_back(values.size());
     auto* const memory = new std::vector<T>(std::move(values));
     const py::capsule owner(memory,
                             [](void* m) { delete static_cast<std::vector<T>*>(m); });
     return py::array_t<T>(std::move(shape), memory->data(), owner);
-}
-
-template <class T>
-static py::array_t<T> owned(std::vector<T>&& values)
-{
-    const py::ssize_t count = values.size();
-    return owned(std::move(values), { count });
 }
 
 static py::object as_flags(std::vector<std::uint8_t>&& values)
