@@ -345,11 +345,7 @@ def modulated_paths(
 
     def slow(taps: np.ndarray, amplitude: float, gain: Callable) -> ModulatedPath:
         """A path whose gain, a function of time, is interpolated between knots."""
-
-        def at(first: int, count: int) -> np.ndarray:
-            return ramp.interpolate(gain(ramp.knots(first, count)), first, count)
-
-        return sources.rotated(levels.scaled(taps, amplitude)), at
+        return sources.rotated(levels.scaled(taps, amplitude)), partial(ramp.sampled, gain)
 
     paths = []
     if simulation.moving_clutter_db is not None:
@@ -393,15 +389,12 @@ def tag_paths(
         if tag.hand:
             hand = NearHand(tag.hand, switched, scene, sources.effect("hand").generator(index))
             taps = levels.scaled(hand.taps, level * 10 ** (tag.hand.level_db / 20))
-            paths.append((rotation * taps, _product(switched, hand, ramp)))
+            paths.append((rotation * taps, partial(_by_tag_and_hand, switched, hand, ramp)))
     return tags, paths
 
 
-def _product(tag: SwitchedTag, hand: NearHand, ramp: Ramp) -> Callable[[int, int], np.ndarray]:
+def _by_tag_and_hand(
+    tag: SwitchedTag, hand: NearHand, ramp: Ramp, first: int, count: int
+) -> np.ndarray:
     """Gain of the path by way of tag and hand."""
-
-    def at(first: int, count: int) -> np.ndarray:
-        gain = ramp.interpolate(hand.gain(ramp.knots(first, count)), first, count)
-        return gain * tag.reflection(first, count)
-
-    return at
+    return ramp.sampled(hand.gain, first, count) * tag.reflection(first, count)
