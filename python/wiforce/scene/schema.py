@@ -420,8 +420,7 @@ class Scene:
         models += [tag.truth_model for tag in self.simulation.tags]
         if self.surface is not None and self.surface.spreading_file is not None:
             models.append(self.surface.spreading_file)
-        if self.sounding.waveform.lower().endswith(".npy"):
-            models.append(self.sounding.waveform)
+        models.append(self.sounding.waveform)
         paths = [self.folder / model for model in models if _is_file_name(model)]
         return tuple(dict.fromkeys([*([self.path] if self.path else []), *paths]))
 
