@@ -155,9 +155,9 @@ def _read(scene, folder):
 
     The last one is of the forces' sum, where there are several sensors.
     """
-    readings, rows = [], []
+    rows = []
     with simulated(scene, folder) as (recording, truth):
-        read_capture(recording, scene, readings.append)
+        readings = read_capture(recording, scene)
         changes = paper_changes(recording, scene)
     for i, (sensor, expected) in enumerate(zip(scene.sensors, expect(plan(scene)), strict=True)):
         own = score(readings, truth, sensor.name)

@@ -54,15 +54,13 @@ def _reader_of(recording, *settings):
     return reader
 
 
-def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on_groups=None):
-    """Read a whole recording for another command, and warn of what was wrong with it."""
+def read_capture(recording, scene, frame_offset=0, tracked=False, on_groups=None):
+    """All readings of a recording for another command, after warnings of what was wrong with it."""
     reader = _reader_of(recording, plan(scene), frame_offset, tracked, on_groups)
     warn_of_unequal_antennas(reader)
-    for batch in reader:
-        for reading in batch:
-            on_reading(reading)
+    readings = [reading for batch in reader for reading in batch]
     warn_of_events(reader)
-    return reader.counts
+    return readings
 
 
 def warn_of_start(recording, reader, scene, differences, frame_offset):

@@ -124,8 +124,7 @@ def test_expect_simulated_scene_gives_errors_of_readings(tmp_path):
     scene = scene_of(**MOVING)
     expected = expect(plan(scene))[0]
     simulate(scene, tmp_path / "capture")
-    readings = []
-    read_capture(open_capture(tmp_path / "capture"), scene, readings.append)
+    readings = read_capture(open_capture(tmp_path / "capture"), scene)
     found = score(readings, read_truth(tmp_path / "capture.truth.csv"), "arm")
     assert len(found.force_error_n) >= 20
     # of the change against the untouched sensor: what the calibration errs by there is constant
