@@ -2,7 +2,6 @@
 """`gr-wiforce read` and `demo` as a user runs them, and their messages for bad input."""
 
 import csv
-import json
 import re
 import shutil
 import signal
@@ -41,17 +40,11 @@ def test_demo_reaches_its_limits_and_draws_a_picture(demo):
     assert len(rows) > 5 and all(abs(force - true) < 0.5 for _, force, _, true, *_ in rows)
 
 
-def test_read_csv_on_stdout_and_json_lines_in_file_agree(demo, printed, read_args, tmp_path):
-    assert printed.stdout == (demo[0] / "readings.csv").read_text()  # read by a flowgraph
-    output = tmp_path / "out.jsonl"
-    succeeded(*read_args, "-o", output, "--plot", tmp_path / "p.png")
-    rows = list(csv.DictReader(printed.stdout.splitlines()))
-    lines = [json.loads(line) for line in output.read_text().splitlines()]
+def test_read_prints_what_a_flowgraph_reads(demo, printed):
+    assert printed.stdout == (demo[0] / "readings.csv").read_text()
+    assert printed.stdout.count("\n") == 1 + 83
     assert printed.stderr.startswith("gr-wiforce: read 83 groups: ")
-    assert printed.stderr.count("\n") == 1 and len(rows) == len(lines) == 83
-    for row, line in zip(rows, lines, strict=True):
-        assert row == {key: "" if value is None else str(value) for key, value in line.items()}
-    assert (tmp_path / "p.png").stat().st_size > 10_000
+    assert printed.stderr.count("\n") == 1
 
 
 def test_read_writes_all_rows_beside_an_output_that_becomes_full(printed, read_args, tmp_path):
