@@ -209,17 +209,26 @@ def test_read_integers_as_floats_are_refused(press):
             wiforce.read(press.with_suffix(".sigmf-data"), SCENE, datatype="cf32_le")
 
 
+def test_read_leading_silence_finds_the_frames_behind_it(press, tmp_path):
+    """Recorders are often started before the transmitter."""
+    silence = np.zeros(2 * 500_155, "<i2")
+    codes = np.fromfile(press.with_suffix(".sigmf-data"), "<i2")
+    np.concatenate([silence, codes]).tofile(tmp_path / "late.bin")
+    reader = RecordingReader(open_capture(tmp_path / "late.bin", "ci16_le"), wiforce.plan(SCENE))
+    # Without a guard frames begin with any of their symbols.
+    assert (reader.frame_offset + 8 - 500_155) % 64 <= 8
+
+
 @pytest.mark.parametrize("stated", [True, False])
 def test_read_times_count_from_the_first_sample_before_the_frames(press, tmp_path, stated):
     """A press was read as early as the recorder was started before the transmitter."""
-    before = 40_123 if stated else 500_155
+    before = 40_123 if stated else 123
     codes = np.fromfile(press.with_suffix(".sigmf-data"), "<i2")
     np.concatenate([np.zeros(2 * before, "<i2"), codes]).tofile(tmp_path / "late.bin")
     options = {"datatype": "ci16_le"} | ({"frame_offset": before} if stated else {})
     capture = open_capture(tmp_path / "late.bin", "ci16_le")
     offset = before if stated else RecordingReader(capture, wiforce.plan(SCENE)).frame_offset
-    # Without a guard frames begin with any of their symbols.
-    assert (offset + 8 - before) % 64 <= 8
+    assert offset > 0
     readings = wiforce.read(tmp_path / "late.bin", SCENE, **options)
     start_s = offset / 1.25e6
     assert readings["time_s"].tolist() == pytest.approx(0.032 * (readings["group"] + 0.5) + start_s)
