@@ -263,12 +263,17 @@ def write_gauge(path, cell):
         rows.writerows(zip(cell.time_s, cell.force_n.round(4), strict=True))
 
 
-def test_score_compares_a_file_of_readings(tmp_path):
-    """A user wants figures and a picture, from readings that were made long ago."""
+@pytest.fixture
+def arguments(tmp_path):
+    """Those that score a file of readings against one of a gauge that is inverted."""
     with open_writer(tmp_path / "r.csv") as writer:
         write(writer, readings())
     write_gauge(tmp_path / "cell.csv", gauge(-1, 0.2))
-    arguments = ["score", tmp_path / "r.csv", "--against", tmp_path / "cell.csv"]
+    return ["score", tmp_path / "r.csv", "--against", tmp_path / "cell.csv"]
+
+
+def test_score_compares_a_file_of_readings(tmp_path, arguments):
+    """A user wants figures and a picture, from readings that were made long ago."""
     done = succeeded(*arguments, "--json", "--plot", tmp_path / "p.png", "-o", tmp_path / "o.csv")
     report = json.loads(done.stdout)
     assert report["offset_s"] == pytest.approx(OFFSET_S, abs=4e-3)
@@ -296,23 +301,19 @@ def test_score_compares_a_file_of_readings(tmp_path):
         ("force_raw", "lb", None),
     ],
 )
-def test_score_warns_where_the_unit_is_not_that_of_the_header(tmp_path, header, unit, warned):
+def test_score_warns_where_the_unit_is_not_that_of_the_header(arguments, header, unit, warned):
     """The gain was 0.0, and nothing said why."""
-    with open_writer(tmp_path / "r.csv") as writer:
-        write(writer, readings())
-    cell = tmp_path / "cell.csv"
-    write_gauge(cell, gauge())
+    cell = arguments[-1]
     cell.write_text(cell.read_text().replace("force_n", header))
-    done = succeeded("score", tmp_path / "r.csv", "--against", cell, "--unit", unit)
+    done = succeeded(*arguments, "--unit", unit)
     assert (f"{cell}: {warned}\n" in done.stderr) if warned else done.stderr == ""
 
 
-def test_score_says_where_a_file_of_readings_is_cut_off(tmp_path):
+def test_score_says_where_a_file_of_readings_is_cut_off(tmp_path, arguments):
     """Presses that the file lost were scored as if there had been none."""
-    path, cell = tmp_path / "r.mcap", tmp_path / "cell.csv"
+    path, cell = tmp_path / "r.mcap", arguments[-1]
     with McapWriter(path) as writer:
         write(writer, readings())
-    write_gauge(cell, gauge())
     path.write_bytes(path.read_bytes()[:-100])
     done = succeeded("score", path, "--against", cell)
     assert f"{path}: ends behind reading " in done.stderr
