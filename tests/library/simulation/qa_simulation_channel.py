@@ -11,33 +11,12 @@ from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.radio import noise_over_static
 from gnuradio.wiforce.simulation.tag import SWITCHES, switch_states
 from long_cases import cases
+from quiet_air import channel_of, scene
 from second_simulator import FRAME, RATE, channels, frame
 
 T = FRAME / RATE
 TA = 256 / RATE
 FREE = {"reader_clock": "free"}
-QUIET = {"static_clutter_db": None, "snr_db": 120, "duration_s": 10}
-
-
-def scene(sensors=({},), environment=None, **simulation):
-    """A scene of untouched sensors, without anything else unless stated."""
-    return load_scene(
-        {
-            "sensors": [
-                {"name": f"s{i}", "model": "line-900mhz"} | sensor
-                for i, sensor in enumerate(sensors)
-            ],
-            "environment": environment or {},
-            "simulation": QUIET | simulation,
-        }
-    )
-
-
-def channel_of(tag_on=True, **stated):
-    """The channel of a scene with one sensor."""
-    channel = AirChannel(scene(**stated))
-    channel.sensors["s0"].on = tag_on
-    return channel
 
 
 def snapshots(channel, count, first=0):
