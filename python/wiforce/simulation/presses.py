@@ -125,14 +125,10 @@ class PressedSensor:
         if force_n is not None and location_mm is not None:
             self._held = float(force_n), float(location_mm)
 
-    def force(self, time_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Sum of the forces (n,), and their mean location (n,); NaN where nothing presses."""
-        return _joined(self._contacts(time_s, press_force))
-
     def state(self, time_s: ArrayLike) -> TouchState:
         """State over time."""
         time_s = np.asarray(time_s, float)
-        force, location = self.force(time_s)
+        force, location = _joined(self._contacts(time_s, press_force))
         touch = self._touching(self._shown(time_s)).any(axis=0)
         reflections = np.broadcast_to(self.reflections(time_s), (len(force), 2))
         return TouchState(touch, force, location, np.degrees(np.angle(reflections)))
