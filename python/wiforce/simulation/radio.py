@@ -164,6 +164,18 @@ def noise_over_static(
     return float(passed.sum() * rate_hz), float(sent * waveform.channel_noise_gain)
 
 
+def _blocks(first: int, end: int) -> Iterator[tuple[int, slice]]:
+    """The blocks that hold samples from ``first`` up to ``end``, and the part of each that does."""
+    for block in range(first // _BLOCK, (end - 1) // _BLOCK + 1):
+        start = block * _BLOCK
+        yield block, slice(max(first - start, 0), end - start)
+
+
+def _white(rng: np.random.Generator) -> np.ndarray:
+    """A block of complex noise, of unit variance in each component."""
+    return rng.standard_normal(2 * _BLOCK, np.float32).view(np.complex64)
+
+
 class RadioNoiseSource:
     """The noise of a scene's radio: white, shaped in overlapping blocks; can start anywhere."""
 
@@ -187,12 +199,10 @@ class RadioNoiseSource:
 
     def transmit(self, first_sample: int, samples: np.ndarray) -> np.ndarray:
         """Samples with the noise of the transmitter; ndarray of complex64, shape (n,)."""
-        parts, end = [], first_sample + len(samples)
-        for block in range(first_sample // _BLOCK, (end - 1) // _BLOCK + 1):
-            rng = self._seeds.generator(_TRANSMITTER, block)
-            drawn = rng.standard_normal(2 * _BLOCK, np.float32).view(np.complex64)
-            start = block * _BLOCK
-            parts.append(drawn[max(first_sample - start, 0) : end - start])
+        parts = [
+            _white(self._seeds.generator(_TRANSMITTER, block))[part]
+            for block, part in _blocks(first_sample, first_sample + len(samples))
+        ]
         return samples + self._sent_std * np.concatenate(parts)
 
     def rotate(self, first_sample: int, samples: np.ndarray) -> None:
@@ -255,13 +265,8 @@ class Transmitter:
     def add(self, first_sample: int, received: np.ndarray) -> None:
         """Add what is received to samples."""
         for start, stop, centre in self._during(first_sample, first_sample + len(received)):
-            position = start
-            while position < stop:
-                block, inside = divmod(position, _BLOCK)
-                count = min(_BLOCK - inside, stop - position)
-                signal = self._signal(block, centre)[inside : inside + count]
-                received[position - first_sample : position - first_sample + count] += signal
-                position += count
+            parts = [self._signal(block, centre)[part] for block, part in _blocks(start, stop)]
+            received[start - first_sample : stop - first_sample] += np.concatenate(parts)
 
     def _during(self, first: int, end: int) -> Iterator[tuple[int, int, int]]:
         """Transmissions between two samples: first sample, end, and centre in bins of a block."""
@@ -294,9 +299,7 @@ class Transmitter:
         return self._band(block, centre)[_BLOCK:] + self._band(block + 1, centre)[:_BLOCK]
 
     def _drawn_noise(self, block: int) -> np.ndarray:
-        rng = self._seeds.generator(_SIGNAL, block)
-        normal = rng.standard_normal(2 * _BLOCK, dtype=np.float32)
-        return normal.view(np.complex64) * self._gain
+        return _white(self._seeds.generator(_SIGNAL, block)) * self._gain
 
     def _drawn_band(self, block: int, centre: int) -> np.ndarray:
         """Windowed narrow-band noise over a block and the one before; shape (2 blocks,)."""
