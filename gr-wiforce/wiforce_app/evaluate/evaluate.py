@@ -96,12 +96,8 @@ def scenes(scenes, folder, jobs, fresh):
     for name, file in zip(names, files, strict=True):
         if files.count(file) > 1:
             raise InputError("scenes", "must have different file names", name)
-    # Invalid scenes are refused before any work is done.
-    loaded = [load_scene(name) for name in names]
-    hashes = []
+    loaded, hashes = load_sampled(names), []
     for name, scene in zip(names, loaded, strict=True):
-        if scene.packets is not None:
-            raise InputError(name, "is a scene of packets; only scenes of samples are evaluated")
         for warning in simulation_warnings(scene):
             log.warning(f"{name}: {warning}")
         hashes.append(fingerprint(scene, other_causes(str(name)), _FORMAT, simulated=True))
@@ -123,6 +119,15 @@ def scenes(scenes, folder, jobs, fresh):
     made = "\n".join(map(_origin, names, loaded))
     _write_report(names, folder, made, f"{tables}\n\n{_CAUSES_TEXT}" if causes else tables)
     click.echo(f"{tables}\n\nreport: {folder / 'report.md'}")
+
+
+def load_sampled(names):
+    """Scenes of samples by name; refuses others before any work is done."""
+    loaded = [load_scene(name) for name in names]
+    for name, scene in zip(names, loaded, strict=True):
+        if scene.packets is not None:
+            raise InputError(name, "is a scene of packets; only scenes of samples are scored")
+    return loaded
 
 
 def run(task):
