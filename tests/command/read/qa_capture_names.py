@@ -2,17 +2,15 @@
 """`gr-wiforce simulate` and recordings: which names they take, what they replace and leave."""
 
 import signal
-import subprocess
 from pathlib import Path
 
 import pytest
 import yaml
-from command_runs import refused, succeeded
+from command_runs import ended_by, refused, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.scene import load_scene, simulation_warnings
 from long_cases import cases
-from machine import wait_until
 
 SENSOR = {"name": "arm", "model": "line-900mhz-calibrated"}
 SHORT = {"sensors": [SENSOR], "simulation": {"truth_model": "line-900mhz", "duration_s": 0.04}}
@@ -57,16 +55,14 @@ def test_simulate_ended_by_signal_leaves_no_file(tmp_path, number, status):
     """A minute of samples in a hidden folder fills the disk, and nobody knows whose it is."""
     content = {**SHORT, "simulation": {"truth_model": "line-900mhz", "duration_s": 60.0}}
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(content))
-    command = ["gr-wiforce", "simulate", tmp_path / "scene.yaml", tmp_path / "long"]
-    with subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, text=True) as process:
-        begun = tmp_path.glob
-        wait_until(
-            lambda: any(path.stat().st_size for path in begun(".simulate-*/*")), process=process
-        )
-        process.send_signal(number)
-        said = process.communicate(timeout=300)[1]
+
+    def begun():
+        return any(path.stat().st_size for path in tmp_path.glob(".simulate-*/*"))
+
+    command = "simulate", tmp_path / "scene.yaml", tmp_path / "long"
+    ended, said = ended_by(number, begun, *command)
     word = "terminated" if number == signal.SIGTERM else "interrupted"
-    assert process.returncode == status and said.strip() == f"gr-wiforce: {word}"
+    assert (ended, said.strip()) == (status, f"gr-wiforce: {word}")
     assert names_in(tmp_path) == ["scene.yaml"]
 
 

@@ -14,12 +14,11 @@ import numpy as np
 import pandas
 import pytest
 import yaml
-from command_runs import refused, run_command, succeeded
+from command_runs import ended_by, refused, run_command, succeeded
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture.names import find_captures, is_one
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
-from machine import wait_until
 from pyarrow import parquet
 from wiforce_app.read.read_many import Journal, ReadingJob, read_capture_file
 from wiforce_app.shell import workers
@@ -176,16 +175,15 @@ def test_interrupted_run_keeps_what_is_read_and_says_how_to_go_on(captures, tmp_
     for number in range(12):
         copy(folder / "day1" / "a", tmp_path / "in" / f"press{number:02}")
     out = tmp_path / "out"
-    words = ["gr-wiforce", "read", tmp_path / "in", "-o", out, "--jobs", "1"]
-    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
-        wait_until(lambda: len(list(out.glob("[!.]*.csv"))) >= 2)
-        process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=300)
-    assert process.returncode == 130
-    done = len(list(out.glob("[!.]*.csv")))
-    assert 2 <= done < 12
+
+    def done():
+        return list(out.glob("[!.]*.csv"))
+
+    words = "read", tmp_path / "in", "-o", out, "--jobs", "1"
+    status, errors = ended_by(signal.SIGINT, lambda: len(done()) >= 2, *words)
+    assert status == 130 and 2 <= len(done()) < 12
     assert errors.endswith("captures have been read; the same command reads the others\n")
-    assert {file.read_text() for file in out.glob("[!.]*.csv")} == {alone}
+    assert {file.read_text() for file in done()} == {alone}
     assert not list(out.glob(".*")), "a partial file was left"
 
 

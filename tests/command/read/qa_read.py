@@ -11,11 +11,11 @@ import sys
 import numpy as np
 import pytest
 import yaml
-from command_runs import refused, run_command, succeeded
+from command_runs import ended_by, refused, run_command, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from long_cases import cases
-from machine import full_disk, rows_in, wait_until
+from machine import full_disk, rows_in
 
 
 @pytest.fixture(scope="module")
@@ -100,12 +100,7 @@ def completed(command, _):
 
 def followed(command, output):
     """The same of one that waits for more samples, interrupted when it has read 30 groups."""
-    words = ["gr-wiforce", *map(str, command), "--follow"]
-    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as reading:
-        wait_until(lambda: rows_in(output) > 30)
-        reading.send_signal(signal.SIGINT)
-        said = reading.communicate(timeout=300)[1]
-    return reading.returncode, said
+    return ended_by(signal.SIGINT, lambda: rows_in(output) > 30, *command, "--follow")
 
 
 @pytest.mark.parametrize("follow", cases(True, long=(False,)))

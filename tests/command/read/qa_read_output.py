@@ -12,7 +12,7 @@ import numpy as np
 import pandas
 import pytest
 import yaml
-from command_runs import refused, rows_of, run_command, succeeded
+from command_runs import ended_by, refused, rows_of, run_command, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from long_cases import cases
@@ -161,14 +161,11 @@ def test_read_interrupted_says_that_its_output_is_partial(tmp_path, number, stat
     forget_checksum(tmp_path / "long.sigmf-meta")
     output = tmp_path / "out.csv"
     bag = tmp_path / "out.mcap"
-    command = ["gr-wiforce", "read", str(tmp_path / "long"), "-o", str(output), "--mcap", str(bag)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        begun = output.exists
-        wait_until(lambda: begun() and output.stat().st_size > 1000, pause_s=5e-3, process=process)
-        process.send_signal(number)
-        said = process.communicate(timeout=300)[1].splitlines()[-1]
-    assert process.returncode == status
-    found = re.search(r"out.csv is partial: it holds the first (\d+) of (\d+) rows", said)
+    command = "read", tmp_path / "long", "-o", output, "--mcap", bag
+    ended, said = ended_by(number, lambda: rows_in(output) > 20, *command)
+    assert ended == status
+    partial = r"out.csv is partial: it holds the first (\d+) of (\d+) rows"
+    found = re.search(partial, said.splitlines()[-1])
     assert found, said
     assert len(rows_of(output)) == int(found[1]) < int(found[2])
     assert len(bag_messages(bag)["/wiforce/arm/reading"]) == int(found[1])
