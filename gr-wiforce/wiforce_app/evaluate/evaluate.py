@@ -240,28 +240,19 @@ def _sum_of_forces(scene, readings, truth):
     return float(np.median(np.abs(errors))) if errors else None
 
 
-def _plan_without_survey(scene):
-    """The plan of a scene alone, of clocks that need no survey."""
-    sensors = [
-        replace(sensor, clock_tolerance_ppm=min(sensor.clock_tolerance_ppm, WIDEST_PPM))
-        for sensor in scene.sensors
-    ]
-    return plan(replace(scene, sensors=tuple(sensors)))
-
-
 def paper_changes(recording, scene):
     """Accumulated changes (groups, 2S) by Fourier sums at lines 1 and 4 (paper, section 3.3).
 
     Of all snapshots, as the paper: without those that interference hit, the sums would leak.
     """
-    settings = _plan_without_survey(
-        replace(
-            scene,
-            phase_group=replace(scene.phase_group, estimator="paper"),
-            environment=replace(scene.environment, receive_antennas=1),
-        )
-    )
-    changes = []
+    # Clocks that are known worse would need a survey.
+    sensors = [
+        replace(sensor, clock_tolerance_ppm=min(sensor.clock_tolerance_ppm, WIDEST_PPM))
+        for sensor in scene.sensors
+    ]
+    environment = replace(scene.environment, receive_antennas=1)
+    alone = replace(scene, sensors=tuple(sensors), environment=environment)
+    settings, changes = plan(alone, estimator="paper"), []
     receiver = Receiver(
         settings, derotated=False, on_groups=lambda groups: changes.append(groups.ratios)
     )
