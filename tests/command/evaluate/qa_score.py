@@ -43,19 +43,22 @@ def readings(seed=1, gain=1.0):
     return TimedForces(times, forces, np.full(len(times), STD_N), touched, times > 0.5)
 
 
-def gauge(sign=1, zero=0.0, noise=0.01, seed=2):
-    rng = np.random.default_rng(seed)
+def gauge(sign=1, zero=0.0, offset_s=OFFSET_S):
+    rng = np.random.default_rng(2)
     times = np.arange(-4, 30, 0.0071)
-    forces = sign * force_at(times) + zero + noise * rng.standard_normal(len(times))
-    return GaugeRecord(times + OFFSET_S, forces)
+    forces = sign * force_at(times) + zero + 0.01 * rng.standard_normal(len(times))
+    return GaugeRecord(times + offset_s, forces)
 
 
-@pytest.mark.parametrize(("sign", "zero"), [(1, 0.0), (-1, 0.4)])
-def test_offset_sign_and_zero_of_a_gauge_are_found(sign, zero):
-    found = compare_with_gauge(readings(), gauge(sign, zero))
+# Most loggers write seconds since 1970.
+@pytest.mark.parametrize(
+    ("sign", "zero", "offset_s"), [(1, 0.0, OFFSET_S), (-1, 0.4, OFFSET_S), (1, 0.0, 1.7e9)]
+)
+def test_offset_sign_and_zero_of_a_gauge_are_found(sign, zero, offset_s):
+    found = compare_with_gauge(readings(), gauge(sign, zero, offset_s))
     # The slopes of 8 edges of 10 to 25 N/s hold some 60 readings of 0.1 N: 1 to 2 ms.
-    assert found.offset_s == pytest.approx(OFFSET_S, abs=4e-3)
-    assert abs(found.offset_s - OFFSET_S) < 4 * found.offset_std_s < 0.02
+    assert found.offset_s == pytest.approx(offset_s, abs=4e-3)
+    assert abs(found.offset_s - offset_s) < 4 * found.offset_std_s < 0.02
     assert found.sign == sign and found.zero_n == pytest.approx(zero, abs=0.005)
     assert found.other_offset_s is None and abs(found.correlation) > 0.99
 
@@ -171,6 +174,8 @@ FILES = {
     "Timestamp\tChannel\tFz (mN)\n1\ta\t1000\n2\ta\t2000\n": ([1, 2], [1, 2]),
     "time,force\n2026-01-01T00:00:00Z,1\n2026-01-01T00:00:01.5Z,3\n": ([0, 1.5], [1, 3]),
     "t,force,comment\n0,1,\n0,2,\n1,3,released\n2,,\n": ([0, 1], [2, 3]),
+    # Of rows that end in a separator, times were taken for forces.
+    "Time (h);Force (N)\n0;5;\n1;7;\n": ([0, 3600], [5, 7]),
 }
 
 
