@@ -445,9 +445,7 @@ class Scene:
     @property
     def group_period_s(self) -> float:
         """Length of a phase group in s, the time between readings."""
-        if self.packets:
-            return self.phase_group.snapshots * self.packets.interval_s
-        return self.group_samples / self.radio.sample_rate_hz
+        return self.phase_group.snapshots * self.snapshot_period_s
 
     @property
     def sensor_names(self) -> tuple[str, ...]:
