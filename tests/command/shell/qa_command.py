@@ -110,6 +110,19 @@ BAD_USAGE = {
     "live --scene wifi_packets --args x": "--scene: must have no packets: a radio gives samples",
     "read demo paper_900": "demo: is a scene and not a capture; give it by --scene",
     "bench speed --megabytes 99999999999": "both recordings must fit on the disk",
+    "check": "give --scene and --args for a device, or a FILE",
+    "check --scene demo": "or a FILE",
+    "check file --args addr=127.0.0.1": "FILE and --args exclude each other",
+    "check --datatype ci16_le": "give a FILE",
+    "check ": "'.': is not the name of a capture",
+    "check /": "'/': is not the name of a capture",
+    "export  --to csv": "READINGS: must be the name of a file, got ''",
+    "design --width-mm 0": "--width-mm",
+    "design --permittivity 0.5": "--permittivity",
+    "design --frequency-hz nan": "--frequency-hz",
+    "design --clock-hz 50000": "clock_hz: is not within reach",
+    # It asked for 728 TiB.
+    "design --width-mm 10000 --height-mm 0.001": "must be at most 200 times",
 }
 
 
