@@ -71,9 +71,7 @@ def scene_readings(name, folder, tracked=False, gaps=()):
         simulate(scene, capture)
     if gaps:
         capture = with_gaps(capture, gaps)
-    readings = []
-    read_capture(open_capture(capture), scene, readings.append, tracked=tracked)
-    return readings
+    return read_capture(open_capture(capture), scene, tracked=tracked)
 
 
 def with_gaps(capture, gaps):

@@ -13,6 +13,7 @@ import tempfile
 import warnings
 from contextlib import ExitStack, chdir, contextmanager
 
+from machine import wait_until
 from wiforce_app import main
 from wiforce_app.shell.log import log
 
@@ -75,6 +76,16 @@ def refused(*arguments, cwd="."):
     assert (done.returncode, done.stdout) == (2, ""), done.stdout + done.stderr
     (line,) = done.stderr.splitlines()
     return line
+
+
+def ended_by(number, begun, *arguments):
+    """Exit status and messages of a process of the command that gets a signal when it has begun."""
+    words = ["gr-wiforce", *map(str, arguments)]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
+        wait_until(begun, pause_s=5e-3, process=process)
+        process.send_signal(number)
+        said = process.communicate(timeout=300)[1]
+    return process.returncode, said
 
 
 def rows_of(*paths):

@@ -70,6 +70,14 @@ def frame():
     return np.concatenate([symbol] * 5 + [np.zeros(400)])
 
 
+def channels(samples):
+    """H on 62 subcarriers, frame by frame, from samples that begin with one; shape (n, 62)."""
+    k = np.r_[-31:0, 1:32]
+    folded = samples.reshape(-1, FRAME)[:, 64:320].reshape(-1, 4, 64).mean(axis=1)
+    sent = np.exp(1j * np.pi * k * k / 64) * 64 / np.sqrt(62)
+    return np.fft.fft(folded.astype(complex))[:, k] / sent
+
+
 def delayed(samples, delay_s):
     """A periodic signal, later by any delay."""
     f = np.fft.fftfreq(len(samples), 1 / RATE)
@@ -78,9 +86,7 @@ def delayed(samples, delay_s):
 
 def subcarrier_power(samples):
     """Mean of |H|^2 over the subcarriers, from one received frame of a still channel."""
-    k = np.r_[-31:0, 1:32]
-    received = np.fft.fft(samples[64:320].reshape(4, 64).mean(axis=0))[k]
-    return np.mean(np.abs(received / (np.exp(1j * np.pi * k * k / 64) * 64 / np.sqrt(62))) ** 2)
+    return np.mean(np.abs(channels(samples)) ** 2)
 
 
 def phases(tag, force, location):

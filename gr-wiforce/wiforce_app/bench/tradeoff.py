@@ -20,7 +20,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth import score
 
-from ..evaluate.evaluate import expected_truth, pooled_summary
+from ..evaluate.evaluate import expected_truth, load_sampled, pooled_summary
 from ..shell.log import progress
 from ..shell.tables import Column, echo, table
 from .chains import DATATYPE, GROUP_LENGTH, WAVEFORM, Recording, planned, stock
@@ -65,10 +65,7 @@ def tradeoff(scenes, as_json):
     gr.logging().set_default_level(gr.log_levels.off)
 
     names = list(dict.fromkeys(scenes or sampled_scenes()))
-    # Invalid scenes are refused before any work is done.
-    for name in names:
-        if load_scene(name).packets is not None:
-            raise InputError(name, "is a scene of packets; only scenes of samples are compared")
+    load_sampled(names)
     results = []
     with progress("measuring", len(names)) as step:
         for name in names:

@@ -29,7 +29,7 @@ def off_reflection(capture, scene_path, datatype):
     """
     recording = open_capture(capture, datatype)
     scene, _ = scene_of(recording, scene_path)
-    found, readings = {}, []
+    found = {}
 
     def on_groups(groups):
         for row, index in enumerate(groups.index.tolist()):
@@ -37,7 +37,7 @@ def off_reflection(capture, scene_path, datatype):
         step(len(groups))
 
     with progress("reading", int(recording.span / scene.group_samples)) as step:
-        read_capture(recording, scene, readings.append, frame_offset=None, on_groups=on_groups)
+        readings = read_capture(recording, scene, frame_offset=None, on_groups=on_groups)
     for i, sensor in enumerate(scene.sensors):
         groups = [
             reading.group

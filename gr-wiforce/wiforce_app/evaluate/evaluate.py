@@ -96,12 +96,8 @@ def scenes(scenes, folder, jobs, fresh):
     for name, file in zip(names, files, strict=True):
         if files.count(file) > 1:
             raise InputError("scenes", "must have different file names", name)
-    # Invalid scenes are refused before any work is done.
-    loaded = [load_scene(name) for name in names]
-    hashes = []
+    loaded, hashes = load_sampled(names), []
     for name, scene in zip(names, loaded, strict=True):
-        if scene.packets is not None:
-            raise InputError(name, "is a scene of packets; only scenes of samples are evaluated")
         for warning in simulation_warnings(scene):
             log.warning(f"{name}: {warning}")
         hashes.append(fingerprint(scene, other_causes(str(name)), _FORMAT, simulated=True))
@@ -123,6 +119,15 @@ def scenes(scenes, folder, jobs, fresh):
     made = "\n".join(map(_origin, names, loaded))
     _write_report(names, folder, made, f"{tables}\n\n{_CAUSES_TEXT}" if causes else tables)
     click.echo(f"{tables}\n\nreport: {folder / 'report.md'}")
+
+
+def load_sampled(names):
+    """Scenes of samples by name; refuses others before any work is done."""
+    loaded = [load_scene(name) for name in names]
+    for name, scene in zip(names, loaded, strict=True):
+        if scene.packets is not None:
+            raise InputError(name, "is a scene of packets; only scenes of samples are scored")
+    return loaded
 
 
 def run(task):
@@ -155,9 +160,9 @@ def _read(scene, folder):
 
     The last one is of the forces' sum, where there are several sensors.
     """
-    readings, rows = [], []
+    rows = []
     with simulated(scene, folder) as (recording, truth):
-        read_capture(recording, scene, readings.append)
+        readings = read_capture(recording, scene)
         changes = paper_changes(recording, scene)
     for i, (sensor, expected) in enumerate(zip(scene.sensors, expect(plan(scene)), strict=True)):
         own = score(readings, truth, sensor.name)
@@ -235,28 +240,19 @@ def _sum_of_forces(scene, readings, truth):
     return float(np.median(np.abs(errors))) if errors else None
 
 
-def _plan_without_survey(scene):
-    """The plan of a scene alone, of clocks that need no survey."""
-    sensors = [
-        replace(sensor, clock_tolerance_ppm=min(sensor.clock_tolerance_ppm, WIDEST_PPM))
-        for sensor in scene.sensors
-    ]
-    return plan(replace(scene, sensors=tuple(sensors)))
-
-
 def paper_changes(recording, scene):
     """Accumulated changes (groups, 2S) by Fourier sums at lines 1 and 4 (paper, section 3.3).
 
     Of all snapshots, as the paper: without those that interference hit, the sums would leak.
     """
-    settings = _plan_without_survey(
-        replace(
-            scene,
-            phase_group=replace(scene.phase_group, estimator="paper"),
-            environment=replace(scene.environment, receive_antennas=1),
-        )
-    )
-    changes = []
+    # Clocks that are known worse would need a survey.
+    sensors = [
+        replace(sensor, clock_tolerance_ppm=min(sensor.clock_tolerance_ppm, WIDEST_PPM))
+        for sensor in scene.sensors
+    ]
+    environment = replace(scene.environment, receive_antennas=1)
+    alone = replace(scene, sensors=tuple(sensors), environment=environment)
+    settings, changes = plan(alone, estimator="paper"), []
     receiver = Receiver(
         settings, derotated=False, on_groups=lambda groups: changes.append(groups.ratios)
     )

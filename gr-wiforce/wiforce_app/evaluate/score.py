@@ -112,10 +112,9 @@ def _rows(capture, scene_path, datatype):
 
         from ..read.recordings import read_capture
 
-        rows = []
         recording = open_capture(capture, datatype)
         scene, _ = scene_of(recording, scene_path)
-        read_capture(recording, scene, lambda reading: rows.append(reading.row()), None)
+        rows = [reading.row() for reading in read_capture(recording, scene, None)]
     return rows
 
 

@@ -98,32 +98,28 @@ def _excess_db(clipped):
     return 20 * math.log10(4 * deviation) + 6
 
 
-def advice_on_sensors(tags, scene, others_hz, wrong):
+def advice_on_sensors(tags, scene, others_hz, wrong_by_sensor):
     """What to change because of measured tags, other clocks, and wrong ones by sensor."""
-    others = other_clocks(others_hz)
     for tag, sensor in zip(tags, scene.sensors, strict=False):
-        yield from _of_sensor(tag, sensor, others, wrong.get(sensor.name, ""))
-
-
-def _of_sensor(tag, sensor, others, wrong):
-    if tag.clock_offset_ppm is None:
-        check = (
-            f"none is within clock_tolerance_ppm ({sensor.clock_tolerance_ppm:g}) of it; check "
-            "that it is on and near enough, and clock_hz in the scene"
-        )
-        cause = wrong or others or check
-        yield f"{sensor.name}: no tag detected at {sensor.clock_hz:g} Hz: {cause}"
-        return
-    if abs(tag.clock_offset_ppm) > 0.8 * sensor.clock_tolerance_ppm:
-        yield (
-            f"{sensor.name}: its clock offset is {tag.clock_offset_ppm:+.0f} ppm: raise "
-            "clock_tolerance_ppm in the scene"
-        )
-    errors = tag.phase_error_deg
-    if None in errors or max(errors, default=0) > 1.5:
-        error = "unknown" if None in errors else f"{max(errors):.1f} deg"
-        remedy = "raise --tx-gain, move the antennas closer, or use longer phase groups"
-        yield f"{sensor.name}: the expected phase error is {error}: {wrong or remedy}"
+        wrong = wrong_by_sensor.get(sensor.name, "")
+        if tag.clock_offset_ppm is None:
+            check = (
+                f"none is within clock_tolerance_ppm ({sensor.clock_tolerance_ppm:g}) of it; check "
+                "that it is on and near enough, and clock_hz in the scene"
+            )
+            cause = wrong or other_clocks(others_hz) or check
+            yield f"{sensor.name}: no tag detected at {sensor.clock_hz:g} Hz: {cause}"
+            continue
+        if abs(tag.clock_offset_ppm) > 0.8 * sensor.clock_tolerance_ppm:
+            yield (
+                f"{sensor.name}: its clock offset is {tag.clock_offset_ppm:+.0f} ppm: raise "
+                "clock_tolerance_ppm in the scene"
+            )
+        errors = tag.phase_error_deg
+        if None in errors or max(errors, default=0) > 1.5:
+            error = "unknown" if None in errors else f"{max(errors):.1f} deg"
+            remedy = "raise --tx-gain, move the antennas closer, or use longer phase groups"
+            yield f"{sensor.name}: the expected phase error is {error}: {wrong or remedy}"
 
 
 LEVEL_FRAMES = 4000  # levels need no more

@@ -70,17 +70,23 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
         "warnings": warnings_of(settings),
         "notes": [note for note in [licence_note(scene)] if note],
     }
+    room = None
     if capture_path is not None:
-        report["room"] = _room(capture_path, datatype, settings)
+        from gnuradio.wiforce.io.capture import open_capture
+        from gnuradio.wiforce.receiver.captures import survey_room
+
+        room = survey_room(open_capture(capture_path, datatype), settings)
+        report["room"] = _room(room)
     if improve:
         report["proposals"] = [dataclasses.asdict(p) for p in proposals_for(settings)]
     if plot_path is not None:
         _plot_errors(settings, plot_path)
     if as_json:
-        report.get("room", {}).pop("text", None)
         click.echo(json.dumps(report, indent=2))
-    else:
-        _print(report, str(settings), with_steps)
+        return
+    _print(report, str(settings), with_steps)
+    if room is not None:
+        click.echo(f"\nroom of the capture: {room}")
 
 
 def _propose_clocks(scene, count, as_json):
@@ -104,16 +110,11 @@ def _propose_clocks(scene, count, as_json):
     click.echo(f"cost of neighbours, aliases and clutter: {found.worst_loss_db:.2g} dB or less")
 
 
-def _room(capture, datatype, settings):
+def _room(found):
     """What a capture's room holds, and what it changes in the plan."""
-    from gnuradio.wiforce.io.capture import open_capture
-    from gnuradio.wiforce.receiver.captures import survey_room
-
-    found = survey_room(open_capture(capture, datatype), settings)
     report = found.report()
     return {
         **{key: report[key] for key in ("findings", "changes", "skipped")},
-        "text": str(found),
         "settings": _settings(found.plan),
         "steps": [dataclasses.asdict(step) for step in steps_of(found.plan)],
     }
@@ -153,8 +154,6 @@ def _print(report, summary, with_steps):
     click.echo(f"\n{chosen}")
     if with_steps:
         _print_steps(report["steps"])
-    if "room" in report:
-        click.echo(f"\nroom of the capture: {report['room']['text']}")
 
 
 def _print_steps(steps):

@@ -26,7 +26,7 @@ _STANDS_OUT_DB = 3.0
 _REACH = 5
 
 
-def plot_survey(survey, found, plan, path, title=""):
+def plot_survey(survey, found, plan, path, title):
     """Plot a survey's spectrum with the tags' lines and all that was found."""
     from matplotlib.figure import Figure
 
@@ -103,5 +103,5 @@ def survey(capture, scene_path, datatype, as_json, plot_path):
         warn(recording.path, text)
     found = survey_room(recording, plan(scene))
     if plot_path is not None:
-        plot_survey(found.survey, found.findings, found.plan, plot_path, title=str(capture))
+        plot_survey(found.survey, found.findings, found.plan, plot_path, str(capture))
     click.echo(json.dumps(found.report(), indent=2) if as_json else str(found))

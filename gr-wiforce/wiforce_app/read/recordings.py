@@ -33,16 +33,18 @@ def open_recording(path, datatype, csi=None):
 
 def open_reader(recording, settings, frame_offset, tracked):
     """The reader of a recording, after warnings of what was left out and of what is in the room."""
-    if isinstance(recording, ChannelSnapshots):
+    of_samples = not isinstance(recording, ChannelSnapshots)
+    if of_samples:
+        reader = _reader_of(recording, settings, frame_offset, tracked)
+    else:
         from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
 
         reader = SnapshotReader(recording, settings, tracked)
-        warn_of_notes(recording, reader)
-        return reader
-    reader = _reader_of(recording, settings, frame_offset, tracked)
-    warn_of_notes(recording, reader)
-    warn_of_unequal_antennas(reader)
-    RoomNews().report(findings(reader.survey, settings, reader.plan))
+    for note in reader.notes:
+        warn(recording.path, note)
+    if of_samples:
+        warn_of_unequal_antennas(reader)
+        RoomNews().report(findings(reader.survey, settings, reader.plan))
     return reader
 
 
@@ -54,15 +56,13 @@ def _reader_of(recording, *settings):
     return reader
 
 
-def read_capture(recording, scene, on_reading, frame_offset=0, tracked=False, on_groups=None):
-    """Read a whole recording for another command, and warn of what was wrong with it."""
+def read_capture(recording, scene, frame_offset=0, tracked=False, on_groups=None):
+    """All readings of a recording for another command, after warnings of what was wrong with it."""
     reader = _reader_of(recording, plan(scene), frame_offset, tracked, on_groups)
     warn_of_unequal_antennas(reader)
-    for batch in reader:
-        for reading in batch:
-            on_reading(reading)
+    readings = [reading for batch in reader for reading in batch]
     warn_of_events(reader)
-    return reader.counts
+    return readings
 
 
 def warn_of_start(recording, reader, scene, differences, frame_offset):
@@ -114,12 +114,6 @@ def warn_of_end(capture, reader):
 def warn(path, text):
     """Print a warning about a file."""
     log.warning(f"{path}: {text}")
-
-
-def warn_of_notes(recording, reader):
-    """Warn of what a reader found before it read."""
-    for note in reader.notes:
-        warn(recording.path, note)
 
 
 def warn_of_events(reader):

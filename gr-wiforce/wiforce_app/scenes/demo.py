@@ -13,12 +13,12 @@ from gnuradio.wiforce.calibration.tables import measure_vna, read_vna_csv, write
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.files.writers import open_writer
-from gnuradio.wiforce.receiver.recording import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth import frame_count, read_truth, score
 
+from ..read.recordings import read_capture
 from ..shell.log import progress
 from ..shell.plots import plot_readings
 
@@ -77,7 +77,12 @@ def demo(folder):
         simulate(scene, folder / "demo", progress=step, overwrite=True)
     has_gnuradio = find_spec("gnuradio.wiforce.wiforce_python") is not None
     click.echo(f"3. read the capture {'through' if has_gnuradio else 'without'} GNU Radio")
-    readings = _read(scene, folder, _run_flowgraph if has_gnuradio else _run_library)
+    if has_gnuradio:
+        readings = _flowgraph_readings(folder / "demo", scene)
+    else:
+        readings = read_capture(open_capture(folder / "demo"), scene)
+    with open_writer(folder / "readings.csv") as writer:
+        writer.write_all(readings)
     truth = read_truth(folder / "demo.truth.csv")
     _show(readings, truth)
     title = "gr-wiforce demo: readings and truth"
@@ -121,34 +126,18 @@ def _write_scene(shipped, folder):
     return path
 
 
-def _read(scene, folder, run):
-    readings = []
-    with open_writer(folder / "readings.csv") as writer:
-
-        def on_reading(reading):
-            readings.append(reading)
-            writer.write(reading)
-
-        run(folder / "demo", scene, on_reading)
-    return readings
-
-
-def _run_flowgraph(capture, scene, on_reading):
+def _flowgraph_readings(capture, scene):
     from gnuradio import gr, wiforce
 
+    readings = []
     flowgraph = gr.top_block("gr-wiforce demo", catch_exceptions=False)
     source = wiforce.capture_source(capture, scene)
-    reader = wiforce.reader(scene, input_type="folded", on_reading=on_reading)
+    reader = wiforce.reader(scene, input_type="folded", on_reading=readings.append)
     flowgraph.connect(source, reader)
     flowgraph.run()
     if reader.failure is not None:
         raise reader.failure
-
-
-def _run_library(capture, scene, on_reading):
-    for batch in RecordingReader(open_capture(capture), scene, frame_offset=0):
-        for reading in batch:
-            on_reading(reading)
+    return readings
 
 
 def _show(readings, truth):

@@ -78,7 +78,7 @@ def simulate(scene, name, datatype, seed, force):
         scene = dataclasses.replace(scene, simulation=simulation)
     plan(scene)  # what cannot be read is refused before it is simulated
     settings, steps = scene.simulation, frame_count(scene)
-    duration_s = settings.duration_s if scene.packets else steps * scene.snapshot_period_s
+    duration_s = steps * scene.snapshot_period_s
     if scene.packets is None:
         steps *= scene.sounding.frame_length * scene.environment.receive_antennas
     with progress("simulating", steps) as done:

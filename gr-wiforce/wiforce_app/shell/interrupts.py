@@ -39,8 +39,12 @@ class _Signals:
         self._waiting = error
 
     @contextmanager
-    def hold(self):
-        """Let a signal wait until the end of the block."""
+    def uninterrupted(self):
+        """A context in the main thread that Ctrl-C and SIGTERM do not interrupt.
+
+        An exception within a library would lose rows. It is raised as the context ends instead,
+        unless another exception ends it.
+        """
         self._holds += 1
         try:
             yield
@@ -55,6 +59,7 @@ class _Signals:
 
 
 _signals = _Signals()
+uninterrupted = _signals.uninterrupted
 
 
 def _hang_up(number, _):
@@ -72,12 +77,3 @@ def interrupt_by_exception():
         signal.signal(signal.SIGHUP, _hang_up)
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, _signals.receive)
-
-
-def uninterrupted():
-    """A context in the main thread that Ctrl-C and SIGTERM do not interrupt.
-
-    An exception within a library would lose rows. It is raised as the context ends instead, unless
-    another exception ends it.
-    """
-    return _signals.hold()

@@ -13,28 +13,24 @@ from ..radio.request import DRIVERS
 from .log import log
 
 
-class Number(click.types.FloatParamType):
-    """A finite float."""
-
-    name = "number"  # click says: 'x' is not a valid float
-
-    def convert(self, value, param, ctx):
-        return _finite(self, value, super().convert(value, param, ctx), param, ctx)
-
-
-class FiniteRange(click.FloatRange):
-    """A finite float within limits; click's own type accepts nan and inf."""
+class _Finite:
+    """Refuses nan and inf, which the types of click accept."""
 
     name = "number"  # click says: 'x' is not a valid float range
 
     def convert(self, value, param, ctx):
-        return _finite(self, value, super().convert(value, param, ctx), param, ctx)
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
 
 
-def _finite(kind, value, number, param, ctx):
-    if not math.isfinite(number):
-        kind.fail(f"{value!r} is not a finite number.", param, ctx)
-    return number
+class Number(_Finite, click.types.FloatParamType):
+    """A finite float."""
+
+
+class FiniteRange(_Finite, click.FloatRange):
+    """A finite float within limits."""
 
 
 class IntegerRange(click.IntRange):

@@ -23,19 +23,6 @@ def check_picture(path, inputs=()):
     check_output(path, inputs)
 
 
-def figure(rows, title):
-    """Make a figure of stacked panels over time, without a display."""
-    from matplotlib.figure import Figure
-
-    canvas = Figure(figsize=(11, 1.0 + _PANEL_IN * rows), layout="constrained")
-    axes = canvas.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
-    canvas.suptitle(title, fontsize=11)
-    for axis in axes:
-        axis.grid(alpha=0.3)
-    axes[-1].set_xlabel("time (s)")
-    return canvas, axes
-
-
 def legend_below(canvas, lines, labels, ncols):
     """Add a legend below all panels; Matplotlib before 3.7 has no location "outside"."""
     height = (0.24 * -(-len(labels) // ncols) + 0.15) / canvas.get_figheight()
@@ -43,13 +30,13 @@ def legend_below(canvas, lines, labels, ncols):
     canvas.legend(lines, labels, loc="lower center", ncols=ncols, fontsize=10, frameon=False)
 
 
-def save_picture(canvas, path, dpi=110):
+def save_picture(canvas, path):
     """Write a figure; the file appears when it is complete."""
     path = Path(path)
     try:
         with replacing(path) as part:
             content = io.BytesIO()  # the writer of PDF hides the errors of a file
-            canvas.savefig(content, dpi=dpi, format=path.suffix[1:].lower())
+            canvas.savefig(content, dpi=110, format=path.suffix[1:].lower())
             part.write_bytes(content.getbuffer())
     except OSError as error:
         raise unwritable(path, error) from error
@@ -58,7 +45,13 @@ def save_picture(canvas, path, dpi=110):
 def plot_readings(readings, path, title="", truth=None, length_mm=None):
     """Write the picture that :func:`gnuradio.wiforce.plot` draws."""
     from gnuradio.wiforce.receiver.plotting import PANELS, plot  # needs NumPy and pandas
+    from matplotlib.figure import Figure
 
-    canvas, axes = figure(PANELS, title)
+    canvas = Figure(figsize=(11, 1.0 + _PANEL_IN * PANELS), layout="constrained")
+    axes = canvas.subplots(PANELS, 1, sharex=True)
+    canvas.suptitle(title, fontsize=11)
+    for axis in axes:
+        axis.grid(alpha=0.3)
+    axes[-1].set_xlabel("time (s)")
     plot(readings, truth=truth, axes=axes, length_mm=length_mm)
     save_picture(canvas, path)

@@ -121,8 +121,8 @@ def warnings(plan: Plan) -> list[str]:
 
 def _clock_warnings(plan: Plan) -> Iterator[str]:
     # Longer groups only resolve more, and would take minutes.
-    length = min(plan.group_length, LONGEST) if plan.times_s is None else plan.group_length
-    yield from assess_clocks(replace(plan, group_length=length)).problems
+    shortened = replace(plan, group_length=min(plan.group_length, LONGEST))
+    yield from assess_clocks(shortened).problems
     if plan.waveform.repetitions == 1:
         yield (
             "only one repetition is averaged: bursts of other transmitters are not recognised, "

@@ -27,9 +27,7 @@ from .plan import HARMONICS, Plan
 _PAIRS = np.array([(1, 1), (1, 2), (2, 1), (1, 4), (4, 1)], float)
 
 
-def line_distances_hz(
-    one_hz: np.ndarray, other_hz: np.ndarray, tolerance_ppm: float = 0.0
-) -> np.ndarray:
+def line_distances_hz(one_hz: np.ndarray, other_hz: np.ndarray, tolerance_ppm: float) -> np.ndarray:
     """Least distance of strong lines of two tags at the worst errors of both clocks, in Hz."""
     a, b = _PAIRS.T
     ours = np.multiply.outer(one_hz, a)
@@ -238,7 +236,7 @@ class _Search:
         settings: Plan,
         tolerance_ppm: float,
         mains_hz: Sequence[float],
-        near_hz: Sequence[float] = (),
+        near_hz: Sequence[float],
     ) -> None:
         self._settings, self._tolerance_ppm, self._near_hz = settings, tolerance_ppm, near_hz
         self.bin_hz = 1 / (settings.group_length * settings.waveform.snapshot_period_s)
@@ -330,7 +328,7 @@ class _Search:
 
 
 def _candidates(
-    settings: Plan, bin_hz: float, tolerance_ppm: float, near_hz: Sequence[float] = ()
+    settings: Plan, bin_hz: float, tolerance_ppm: float, near_hz: Sequence[float]
 ) -> np.ndarray:
     """Frequencies in Hz, ascending, within three octaves, beyond which lines cannot coincide.
 

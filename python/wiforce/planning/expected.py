@@ -109,9 +109,9 @@ def _radio_noise_share(scene: Scene) -> float:
     return len(waveform.bins) * alike + independent
 
 
-def why_not_readable(scene: Scene, index: int, levels: ReceivedLevels | None = None) -> str | None:
+def why_not_readable(scene: Scene, index: int, levels: ReceivedLevels) -> str | None:
     """Why a sensor of a simulated scene cannot be read; None when it can."""
-    tag, levels = scene.simulation.tags[index], levels or receive_levels(scene)
+    tag = scene.simulation.tags[index]
     if levels.out_of_range:
         return (
             f"ADC range: beside the static path the tag's line has {levels.tag_steps:.2g} steps "

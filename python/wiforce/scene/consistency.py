@@ -142,18 +142,13 @@ def _events(scene: Scene) -> Iterator[Violation]:
 
 def simulation_warnings(scene: Scene) -> list[str]:
     """What differs from what was probably meant, a sentence each: one model twice."""
-    models = {sensor.name: sensor.model for sensor in scene.sensors}
     return [
         f"sensor '{tag.sensor}': the model that is pressed and the one that reads it are the same "
         f"({tag.truth_model}): readings will show no calibration error, which `gr-wiforce plan` "
         "states over the calibrated span"
-        for tag in scene.simulation.tags
-        if _same_model(scene, tag.truth_model, models[tag.sensor])
+        for sensor, tag in zip(scene.sensors, scene.simulation.tags, strict=True)
+        if (scene.folder / tag.truth_model).resolve() == (scene.folder / sensor.model).resolve()
     ]
-
-
-def _same_model(scene: Scene, one: str, other: str) -> bool:
-    return one == other or (scene.folder / one).resolve() == (scene.folder / other).resolve()
 
 
 def _models(scene: Scene) -> Iterator[Violation]:

@@ -420,8 +420,7 @@ class Scene:
         models += [tag.truth_model for tag in self.simulation.tags]
         if self.surface is not None and self.surface.spreading_file is not None:
             models.append(self.surface.spreading_file)
-        if self.sounding.waveform.lower().endswith(".npy"):
-            models.append(self.sounding.waveform)
+        models.append(self.sounding.waveform)
         paths = [self.folder / model for model in models if _is_file_name(model)]
         return tuple(dict.fromkeys([*([self.path] if self.path else []), *paths]))
 
@@ -446,9 +445,7 @@ class Scene:
     @property
     def group_period_s(self) -> float:
         """Length of a phase group in s, the time between readings."""
-        if self.packets:
-            return self.phase_group.snapshots * self.packets.interval_s
-        return self.group_samples / self.radio.sample_rate_hz
+        return self.phase_group.snapshots * self.snapshot_period_s
 
     @property
     def sensor_names(self) -> tuple[str, ...]:

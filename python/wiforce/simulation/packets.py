@@ -15,6 +15,7 @@ import numpy as np
 
 from ..scene import Scene
 from ..scene.effects import PacketFaults
+from .paths import Levels
 from .presses import TouchState
 from .random_sources import Ramp, RandomSources
 from .tag import SwitchedTag
@@ -25,10 +26,8 @@ from .truth import write_truth
 _SPREAD_S = 30e-9
 _ECHOES = 12
 _ECHO_POWER = 1.0
-# Paths by way of moving objects, as in simulation/paths.py.
-_MOVERS = 4
-# c1[1] = d1 sinc(d1) of the pulses of clock 1: the line that a scene's levels refer to.
-_LINE = 0.25 * float(np.sinc(0.25))
+# Doppler shifts of paths by way of moving objects, relative to the highest one.
+_DOPPLERS = np.array([1.0, -0.7, 0.4, -0.9])
 # Packets of a piece, and time that a repeated packet comes late: as quick as a bus.
 _PIECE = 4096
 _REPEAT_S = 20e-6
@@ -80,7 +79,7 @@ def packets_of(scene: Scene, progress: Callable[[int], object] | None = None) ->
     faults = simulation.packets or PacketFaults()
     time_s = _times(scene, faults.lost, seeds.generator(0))
     rooms = [_Room(scene, RandomSources(simulation.seed, a), hertz) for a in range(antennas)]
-    phases = seeds.generator(1).uniform(0, 2 * np.pi, _MOVERS)
+    phases = seeds.generator(1).uniform(0, 2 * np.pi, len(_DOPPLERS))
     chains = _chains(faults, time_s, antennas, seeds.generator(4))
     chains[:, 1:] *= _wander(faults, time_s, antennas - 1, seeds.generator(6))
     pieces = []
@@ -192,17 +191,18 @@ class _Room:
     """The paths to one antenna."""
 
     def __init__(self, scene: Scene, sources: RandomSources, hertz: np.ndarray) -> None:
-        simulation, rng = scene.simulation, sources.paths
+        simulation, rng, levels = scene.simulation, sources.paths, Levels(scene, 1.0)
         self._noise_rng = sources.noise
-        self._noise = _LINE * 10 ** (-simulation.snr_db / 20)
-        self._static = _scaled(_echoes(rng, hertz, 1.0), _level(simulation.static_clutter_db))
+        self._noise = levels.noise(simulation.snr_db)
+        static = levels.amplitude(simulation.static_clutter_db)
+        self._static = _scaled(_echoes(rng, hertz, 1.0), static)
         self._tags = [
             _scaled(_tag_path(rng, hertz, simulation.tag_coherence_hz), 10 ** (tag.level_db / 20))
             for tag in simulation.tags
         ]
-        level = _level(simulation.moving_clutter_db) / np.sqrt(_MOVERS)
-        self._moving = [_scaled(_echoes(rng, hertz, 0.0), level) for _ in range(_MOVERS)]
-        self._doppler_hz = simulation.moving_clutter_hz * np.array([1.0, -0.7, 0.4, -0.9])[:_MOVERS]
+        level = levels.amplitude(simulation.moving_clutter_db) / np.sqrt(len(_DOPPLERS))
+        self._moving = [_scaled(_echoes(rng, hertz, 0.0), level) for _ in _DOPPLERS]
+        self._doppler_hz = simulation.moving_clutter_hz * _DOPPLERS
 
     def channel(
         self, time_s: np.ndarray, reflections: np.ndarray, phases: np.ndarray
@@ -218,11 +218,6 @@ class _Room:
         noise = self._noise_rng.standard_normal((*channel.shape, 2)) @ np.array([1, 1j])
         received: np.ndarray = channel + self._noise / np.sqrt(2) * noise
         return received
-
-
-def _level(level_db: float | None) -> float:
-    """Amplitude that is so far above that of the tag's line; 0 for None."""
-    return 0.0 if level_db is None else _LINE * 10 ** (level_db / 20)
 
 
 def _scaled(path: np.ndarray, amplitude: float) -> np.ndarray:

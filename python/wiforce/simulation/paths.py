@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..signal.carrier import SPEED_OF_LIGHT_M_S
-from ..signal.waveform import Waveform
 from .random_sources import Ramp, RandomSources, RandomWalk, Seeds
 from .tag import SWITCHES, SwitchedTag, SwitchingClock, switch_states
 
@@ -38,17 +37,6 @@ def random_taps(rng: np.random.Generator) -> np.ndarray:
     return delay_taps(rng.uniform(BASE_DELAY + 0.5, LAST_DELAY))
 
 
-def response(taps: np.ndarray, waveform: Waveform) -> np.ndarray:
-    """Frequency response (K,) of FIR taps on the occupied subcarriers."""
-    cycles = np.outer(waveform.subcarriers, np.arange(len(taps))) / waveform.symbol_length
-    return np.exp(-2j * np.pi * cycles) @ taps
-
-
-def mean_power(taps: np.ndarray, waveform: Waveform) -> float:
-    """Mean of |H|^2 of FIR taps over the occupied subcarriers."""
-    return float(np.mean(np.abs(response(taps, waveform)) ** 2))
-
-
 def static_taps(rng: np.random.Generator, sample_rate_hz: float) -> np.ndarray:
     """Complex taps of a direct path and echoes delayed by 60 ns, as in rooms; not normalised."""
     late = np.r_[0, 0.1 + rng.exponential(60e-9 * sample_rate_hz, STATIC_ECHOES)]
@@ -62,18 +50,16 @@ def static_taps(rng: np.random.Generator, sample_rate_hz: float) -> np.ndarray:
 
 
 def tag_taps(
-    rng: np.random.Generator, waveform: Waveform, coherence_hz: float | None
+    rng: np.random.Generator, sample_rate_hz: float, coherence_hz: float | None
 ) -> np.ndarray:
-    """Taps of a tag's path, of unit mean power: one, or Rayleigh fading of a bandwidth."""
+    """Taps of a tag's path, not normalised: one, or Rayleigh fading of a coherence bandwidth."""
     if coherence_hz is None:
-        taps = np.r_[np.zeros(BASE_DELAY), 1.0]
-    else:
-        spread = waveform.sample_rate_hz / (2 * np.pi * coherence_hz)
-        count = int(np.clip(np.ceil(6 * spread), 1, 32))
-        profile = np.exp(-np.arange(count) / max(spread, 1e-3) / 2)
-        fading = rng.standard_normal(count) + 1j * rng.standard_normal(count)
-        taps = np.r_[np.zeros(BASE_DELAY), profile * fading]
-    return taps / np.sqrt(mean_power(taps, waveform))
+        return np.r_[np.zeros(BASE_DELAY), 1.0]
+    spread = sample_rate_hz / (2 * np.pi * coherence_hz)
+    count = int(np.clip(np.ceil(6 * spread), 1, 32))
+    profile = np.exp(-np.arange(count) / max(spread, 1e-3) / 2)
+    fading = rng.standard_normal(count) + 1j * rng.standard_normal(count)
+    return np.r_[np.zeros(BASE_DELAY), profile * fading]
 
 
 class MovingPath:
@@ -119,7 +105,10 @@ class Levels:
 
     def scaled(self, taps: np.ndarray, amplitude: float) -> np.ndarray:
         """Taps scaled to an rms amplitude over the occupied subcarriers."""
-        return taps * (amplitude / np.sqrt(mean_power(taps, self._waveform)))
+        waveform = self._waveform
+        cycles = np.outer(waveform.subcarriers, np.arange(len(taps))) / waveform.symbol_length
+        response = np.exp(-2j * np.pi * cycles) @ taps
+        return taps * (amplitude / np.sqrt(np.mean(np.abs(response) ** 2)))
 
     def noise(self, snr_db: float) -> float:
         """Standard deviation of the noise in a sample, from |c1[1] G1|^2 against that in H."""
@@ -345,11 +334,7 @@ def modulated_paths(
 
     def slow(taps: np.ndarray, amplitude: float, gain: Callable) -> ModulatedPath:
         """A path whose gain, a function of time, is interpolated between knots."""
-
-        def at(first: int, count: int) -> np.ndarray:
-            return ramp.interpolate(gain(ramp.knots(first, count)), first, count)
-
-        return sources.rotated(levels.scaled(taps, amplitude)), at
+        return sources.rotated(levels.scaled(taps, amplitude)), partial(ramp.sampled, gain)
 
     paths = []
     if simulation.moving_clutter_db is not None:
@@ -385,7 +370,8 @@ def tag_paths(
     paths: list[ModulatedPath] = []
     for index, tag in enumerate(simulation.tags):
         switched = SwitchedTag(scene, index, sources, ramp)
-        fade = tag_taps(sources.paths, scene.waveform(), simulation.tag_coherence_hz)
+        rate_hz = scene.radio.sample_rate_hz
+        fade = tag_taps(sources.paths, rate_hz, simulation.tag_coherence_hz)
         rotation = sources.rotated(np.ones(1))
         level = 10 ** (tag.level_db / 20)
         tags[switched.name] = switched
@@ -393,15 +379,12 @@ def tag_paths(
         if tag.hand:
             hand = NearHand(tag.hand, switched, scene, sources.effect("hand").generator(index))
             taps = levels.scaled(hand.taps, level * 10 ** (tag.hand.level_db / 20))
-            paths.append((rotation * taps, _product(switched, hand, ramp)))
+            paths.append((rotation * taps, partial(_by_tag_and_hand, switched, hand, ramp)))
     return tags, paths
 
 
-def _product(tag: SwitchedTag, hand: NearHand, ramp: Ramp) -> Callable[[int, int], np.ndarray]:
+def _by_tag_and_hand(
+    tag: SwitchedTag, hand: NearHand, ramp: Ramp, first: int, count: int
+) -> np.ndarray:
     """Gain of the path by way of tag and hand."""
-
-    def at(first: int, count: int) -> np.ndarray:
-        gain = ramp.interpolate(hand.gain(ramp.knots(first, count)), first, count)
-        return gain * tag.reflection(first, count)
-
-    return at
+    return ramp.sampled(hand.gain, first, count) * tag.reflection(first, count)

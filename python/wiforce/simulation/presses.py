@@ -111,7 +111,7 @@ class PressedSensor:
         self.presses = sorted(presses, key=lambda press: press.start_s)
         self._layers = _layers(self.presses)
         self._held: tuple[float, float] | None = None
-        self._steady = lru_cache(4)(self._reflection)
+        self._steady = lru_cache(4)(self._reflections)
         model.phases_deg(0.0, 0.0, center_frequency_hz)  # refuses a carrier that it does not hold
 
     @property
@@ -125,14 +125,10 @@ class PressedSensor:
         if force_n is not None and location_mm is not None:
             self._held = float(force_n), float(location_mm)
 
-    def force(self, time_s: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """Sum of the forces (n,), and their mean location (n,); NaN where nothing presses."""
-        return _joined(self._contacts(time_s, press_force))
-
     def state(self, time_s: ArrayLike) -> TouchState:
         """State over time."""
         time_s = np.asarray(time_s, float)
-        force, location = self.force(time_s)
+        force, location = _joined(self._contacts(time_s, press_force))
         touch = self._touching(self._shown(time_s)).any(axis=0)
         reflections = np.broadcast_to(self.reflections(time_s), (len(force), 2))
         return TouchState(touch, force, location, np.degrees(np.angle(reflections)))
@@ -227,19 +223,13 @@ class PressedSensor:
 
     def _alone(self, force: np.ndarray, location: np.ndarray) -> np.ndarray:
         """Reflections (n, 2) of one contact, (1, 2) where it is steady."""
-        same = (force == force[:1]) & (np.isnan(location) | (location == location[:1]))
-        if not (len(force) and same.all()):
-            return np.exp(1j * np.deg2rad(self._phases_deg(force, location)))
-        return self._steady(float(force[0]), 0.0 if force[0] == 0 else float(location[0]))
+        location = np.where(force > 0, location, 0.0)  # anywhere where nothing presses
+        if len(force) and (force == force[0]).all() and (location == location[0]).all():
+            return self._steady(float(force[0]), float(location[0]))[None]
+        return self._reflections(force, location)
 
-    def _reflection(self, force_n: float, location_mm: float) -> np.ndarray:
-        press = np.array([force_n]), np.array([location_mm])
-        return np.exp(1j * np.deg2rad(self._phases_deg(*press)))
-
-    def _phases_deg(self, force: np.ndarray, location: np.ndarray) -> np.ndarray:
-        return self._model.phases_deg(
-            force, np.where(np.isnan(location), 0.0, location), self._carrier_hz
-        )
+    def _reflections(self, force: ArrayLike, location: ArrayLike) -> np.ndarray:
+        return np.exp(1j * np.deg2rad(self._model.phases_deg(force, location, self._carrier_hz)))
 
 
 # Force and location of a contact over time, (n,) each; location is NaN where nothing presses.

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from .random_sources import Ramp, RandomSources, Seeds
 
 if TYPE_CHECKING:
-    from ..scene.effects import FrontEnd, RadioNoise, Ripple
+    from ..scene.effects import Bursts, FrontEnd, Hopper, RadioNoise, Ripple
     from ..scene.simulated import Simulation
     from ..signal.waveform import Waveform
 
@@ -46,11 +46,10 @@ class FreeOscillators:
             cycles = start + np.arange(count) * self._cycles_per_sample
             samples *= np.exp(2j * np.pi * cycles).astype(np.complex64)
         if self._step_std:
-            walk = self._walk(self._ramp.knots(first_sample, count))
-            samples *= self._ramp.interpolate(np.exp(1j * walk), first_sample, count)
+            samples *= self._ramp.sampled(self._phasor, first_sample, count)
 
-    def _walk(self, times: np.ndarray) -> np.ndarray:
-        """Phase at knots, continued from the previous call, whose last two knots may recur."""
+    def _phasor(self, times: np.ndarray) -> np.ndarray:
+        """exp(j phase) at knots, continued from the previous call, whose last two may recur."""
         if self._last is None or times[0] > self._last[0][-1]:
             self._last = times[:1], np.zeros(1)
         known_times, known = self._last
@@ -60,7 +59,7 @@ class FreeOscillators:
         all_times = np.r_[known_times, new]
         walk = np.r_[known, known[-1] + np.cumsum(drawn)]
         self._last = all_times[-2:], walk[-2:]
-        return walk[np.searchsorted(all_times, times)]
+        return np.exp(1j * walk[np.searchsorted(all_times, times)])
 
 
 class Adc:
@@ -129,9 +128,10 @@ class GainRipple:
 
     def modulate(self, first_sample: int, samples: np.ndarray) -> None:
         """Modulate samples in place."""
-        times = self._ramp.knots(first_sample, len(samples))
-        gain = 1 + self._amplitude * np.cos(2 * np.pi * (self._start + self._hz * times))
-        samples *= self._ramp.interpolate(gain, first_sample, len(samples))
+        samples *= self._ramp.sampled(self._gain, first_sample, len(samples))
+
+    def _gain(self, time_s: np.ndarray) -> np.ndarray:
+        return 1 + self._amplitude * np.cos(2 * np.pi * (self._start + self._hz * time_s))
 
 
 # Values that are drawn together: knots of the phase, and samples of noise and signals.
@@ -164,6 +164,18 @@ def noise_over_static(
     return float(passed.sum() * rate_hz), float(sent * waveform.channel_noise_gain)
 
 
+def _blocks(first: int, end: int) -> Iterator[tuple[int, slice]]:
+    """The blocks that hold samples from ``first`` up to ``end``, and the part of each that does."""
+    for block in range(first // _BLOCK, (end - 1) // _BLOCK + 1):
+        start = block * _BLOCK
+        yield block, slice(max(first - start, 0), end - start)
+
+
+def _white(rng: np.random.Generator) -> np.ndarray:
+    """A block of complex noise, of unit variance in each component."""
+    return rng.standard_normal(2 * _BLOCK, np.float32).view(np.complex64)
+
+
 class RadioNoiseSource:
     """The noise of a scene's radio: white, shaped in overlapping blocks; can start anywhere."""
 
@@ -187,27 +199,25 @@ class RadioNoiseSource:
 
     def transmit(self, first_sample: int, samples: np.ndarray) -> np.ndarray:
         """Samples with the noise of the transmitter; ndarray of complex64, shape (n,)."""
-        parts, end = [], first_sample + len(samples)
-        for block in range(first_sample // _BLOCK, (end - 1) // _BLOCK + 1):
-            rng = self._seeds.generator(_TRANSMITTER, block)
-            drawn = rng.standard_normal(2 * _BLOCK, np.float32).view(np.complex64)
-            start = block * _BLOCK
-            parts.append(drawn[max(first_sample - start, 0) : end - start])
+        parts = [
+            _white(self._seeds.generator(_TRANSMITTER, block))[part]
+            for block, part in _blocks(first_sample, first_sample + len(samples))
+        ]
         return samples + self._sent_std * np.concatenate(parts)
 
     def rotate(self, first_sample: int, samples: np.ndarray) -> None:
         """Turn received samples by the phase, in place."""
-        times_s = self._ramp.knots(first_sample, len(samples))
-        phase = self._phase(np.rint(times_s / self._spacing_s).astype(np.int64))
-        samples *= self._ramp.interpolate(np.exp(1j * phase), first_sample, len(samples))
+        samples *= self._ramp.sampled(self._phasor, first_sample, len(samples))
 
-    def _phase(self, knots: np.ndarray) -> np.ndarray:
+    def _phasor(self, times_s: np.ndarray) -> np.ndarray:
+        """exp(j phase) at knots."""
+        knots = np.rint(times_s / self._spacing_s).astype(np.int64)
         phase, half = np.zeros(len(knots)), _BLOCK // 2
         for block in range(int(knots[0]) // half, int(knots[-1]) // half + 2):
             inside = knots - (block - 1) * half
             here = (inside >= 0) & (inside < _BLOCK)
             phase[here] += self._block(block)[inside[here]]
-        return phase
+        return np.exp(1j * phase)
 
     def _drawn_block(self, block: int) -> np.ndarray:
         white = self._seeds.generator(_PHASE, block).standard_normal(_BLOCK)
@@ -227,7 +237,7 @@ _TIMES, _SIGNAL = 0, 1
 
 
 class Transmitter:
-    """A transmitter that is on the air for a ``share`` of the time, as received.
+    """A transmitter that is on the air for a stated share of the time, as received.
 
     Gaussian noise over a ``bandwidth``, a share of the sample rate drawn for each transmission;
     ``gain`` is amplitude and phase. Durations are uniform, pauses exponential. Narrow-band noise is
@@ -238,18 +248,15 @@ class Transmitter:
         self,
         seeds: Seeds,
         sample_rate_hz: float,
-        share: float,
-        shortest_s: float,
-        longest_s: float,
+        stated: "Bursts | Hopper",
         gain: complex,
-        bandwidth: float = 1.0,
+        bandwidth: float,
     ) -> None:
-        self._seeds, self._bandwidth = seeds, bandwidth
+        self._seeds, self._bandwidth, self._share = seeds, bandwidth, stated.share
         self._gain = np.complex64(gain / np.sqrt(2))  # of a component of unit variance
-        self._durations = shortest_s * sample_rate_hz, longest_s * sample_rate_hz
-        self._share = share
-        self._mean_pause = sum(self._durations) / 2 * (1 - share) / share
-        cell_s = max(_SHORTEST_CELL_S, _LONGEST_PER_CELL * longest_s)
+        self._durations = stated.shortest_s * sample_rate_hz, stated.longest_s * sample_rate_hz
+        self._mean_pause = sum(self._durations) / 2 * (1 - stated.share) / stated.share
+        cell_s = max(_SHORTEST_CELL_S, _LONGEST_PER_CELL * stated.longest_s)
         self._cell = round(cell_s * sample_rate_hz)
         self._transmissions = lru_cache(_KEPT_CELLS)(self._drawn_transmissions)
         self._noise = lru_cache(_KEPT_BLOCKS)(self._drawn_noise)
@@ -258,13 +265,8 @@ class Transmitter:
     def add(self, first_sample: int, received: np.ndarray) -> None:
         """Add what is received to samples."""
         for start, stop, centre in self._during(first_sample, first_sample + len(received)):
-            position = start
-            while position < stop:
-                block, inside = divmod(position, _BLOCK)
-                count = min(_BLOCK - inside, stop - position)
-                signal = self._signal(block, centre)[inside : inside + count]
-                received[position - first_sample : position - first_sample + count] += signal
-                position += count
+            parts = [self._signal(block, centre)[part] for block, part in _blocks(start, stop)]
+            received[start - first_sample : stop - first_sample] += np.concatenate(parts)
 
     def _during(self, first: int, end: int) -> Iterator[tuple[int, int, int]]:
         """Transmissions between two samples: first sample, end, and centre in bins of a block."""
@@ -297,9 +299,7 @@ class Transmitter:
         return self._band(block, centre)[_BLOCK:] + self._band(block + 1, centre)[:_BLOCK]
 
     def _drawn_noise(self, block: int) -> np.ndarray:
-        rng = self._seeds.generator(_SIGNAL, block)
-        normal = rng.standard_normal(2 * _BLOCK, dtype=np.float32)
-        return normal.view(np.complex64) * self._gain
+        return _white(self._seeds.generator(_SIGNAL, block)) * self._gain
 
     def _drawn_band(self, block: int, centre: int) -> np.ndarray:
         """Windowed narrow-band noise over a block and the one before; shape (2 blocks,)."""
@@ -319,29 +319,22 @@ def transmitters(
 ) -> list[Transmitter]:
     """The other transmitters of a scene, whose receiver has ``noise_std`` in a sample."""
     found = []
-    for name, bandwidth in _others(simulation):
-        stated = getattr(simulation, name)
+    for name, stated, bandwidth in _others(simulation):
         gain = sources.rotated(np.ones(1))[0] * noise_std * 10 ** (stated.level_db / 20)
-        times = stated.share, stated.shortest_s, stated.longest_s
         seeds = sources.effect(name)
-        found.append(Transmitter(seeds, sample_rate_hz, *times, gain, bandwidth))
+        found.append(Transmitter(seeds, sample_rate_hz, stated, gain, bandwidth))
     return found
 
 
 def power_over_noise(simulation: "Simulation") -> float:
     """Power in a sample, relative to the receiver's noise, while all other transmitters are on."""
-    return sum(
-        (
-            bandwidth * 10 ** (getattr(simulation, name).level_db / 10)
-            for name, bandwidth in _others(simulation)
-        ),
-        start=0.0,
-    )
+    found = _others(simulation)
+    return sum((bandwidth * 10 ** (each.level_db / 10) for _, each, bandwidth in found), start=0.0)
 
 
-def _others(simulation: "Simulation") -> Iterator[tuple[str, float]]:
-    """Names and bandwidths of the transmitters that a scene states."""
+def _others(simulation: "Simulation") -> Iterator[tuple[str, "Bursts | Hopper", float]]:
+    """Names, settings and bandwidths of the transmitters that a scene states."""
     if simulation.bursts:
-        yield "bursts", 1.0
+        yield "bursts", simulation.bursts, 1.0
     if simulation.hopper:
-        yield "hopper", simulation.hopper.subcarriers / _HOPPER_CHANNELS
+        yield "hopper", simulation.hopper, simulation.hopper.subcarriers / _HOPPER_CHANNELS

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Random quantities of a simulated scene: one generator per kind, so that kinds are independent."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -113,6 +113,12 @@ class Ramp:
         lines += values[:-1, None]
         skip = first_sample % self._step
         return lines.reshape(-1)[skip : skip + count]
+
+    def sampled(
+        self, gain: Callable[[np.ndarray], np.ndarray], first_sample: int, count: int
+    ) -> np.ndarray:
+        """A function of time at some samples, complex64 (count,), from its values at knots."""
+        return self.interpolate(gain(self.knots(first_sample, count)), first_sample, count)
 
 
 # Knots that are drawn at once.

@@ -97,12 +97,12 @@ class SwitchingClock:
         return self._start_cycles + self.clock_hz * (elapsed + self._gained_s(elapsed))
 
     def _offset_at(self, elapsed: np.ndarray) -> np.ndarray:
-        if self._drift == 0 or self._limit == 0:
+        if self._drift == 0:
             return np.full_like(elapsed, self._offset)
         return reflected(self._offset + self._drift * elapsed, self._limit)
 
     def _gained_s(self, elapsed: np.ndarray) -> np.ndarray:
-        if self._drift == 0 or self._limit == 0:
+        if self._drift == 0:
             return self._offset * elapsed
         end = self._offset + self._drift * elapsed
         return (self._wander_integral(end) - self._wander_integral(self._offset)) / self._drift
@@ -289,8 +289,9 @@ class SwitchedTag:
             return (np.stack(states).T @ parts).view(np.complex64).ravel()
         total = np.zeros(count, np.complex64)
         for state, value in zip(states, values, strict=True):
-            constant = len(value) == 1
-            total += state * (value if constant else self._ramp.interpolate(value, first, count))
+            if len(value) > 1:
+                value = self._ramp.interpolate(value, first, count)
+            total += state * value
         return total
 
 

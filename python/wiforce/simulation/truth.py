@@ -23,17 +23,14 @@ TRUTH_COLUMNS = (
 
 
 def frame_count(scene: Scene) -> int:
-    """Number of whole sounding frames in the scene's duration."""
+    """Number of whole sounding frames, or of packets on average, in the scene's duration."""
     return int(scene.simulation.duration_s / scene.snapshot_period_s + 1e-9)
 
 
 def group_centers(scene: Scene) -> np.ndarray:
     """Centres of the whole phase groups of a scene's capture, in s from the first sample."""
-    if scene.packets:
-        groups = int(scene.simulation.duration_s / scene.group_period_s + 1e-9)
-        return (np.arange(groups) + 0.5) * scene.group_period_s
     groups = frame_count(scene) // scene.phase_group.snapshots
-    return (np.arange(groups) + 0.5) * scene.group_samples / scene.radio.sample_rate_hz
+    return (np.arange(groups) + 0.5) * scene.group_period_s
 
 
 def truth_rows(scene: Scene, channel: Any) -> list[dict[str, Any]]:

@@ -64,9 +64,7 @@ def captures(tmp_path_factory):
 @lru_cache
 def readings(name, scene):
     """Readings of a touch; captures do not change."""
-    found = []
-    read_capture(open_capture(name), scene, found.append)
-    return [r for r in found if r.time_s > 0.5]
+    return [r for r in read_capture(open_capture(name), scene) if r.time_s > 0.5]
 
 
 def test_antenna_ratio_with_carrier_offset_and_phase_noise_is_read(captures):

@@ -43,19 +43,22 @@ def readings(seed=1, gain=1.0):
     return TimedForces(times, forces, np.full(len(times), STD_N), touched, times > 0.5)
 
 
-def gauge(sign=1, zero=0.0, noise=0.01, seed=2):
-    rng = np.random.default_rng(seed)
+def gauge(sign=1, zero=0.0, offset_s=OFFSET_S):
+    rng = np.random.default_rng(2)
     times = np.arange(-4, 30, 0.0071)
-    forces = sign * force_at(times) + zero + noise * rng.standard_normal(len(times))
-    return GaugeRecord(times + OFFSET_S, forces)
+    forces = sign * force_at(times) + zero + 0.01 * rng.standard_normal(len(times))
+    return GaugeRecord(times + offset_s, forces)
 
 
-@pytest.mark.parametrize(("sign", "zero"), [(1, 0.0), (-1, 0.4)])
-def test_offset_sign_and_zero_of_a_gauge_are_found(sign, zero):
-    found = compare_with_gauge(readings(), gauge(sign, zero))
+# Most loggers write seconds since 1970.
+@pytest.mark.parametrize(
+    ("sign", "zero", "offset_s"), [(1, 0.0, OFFSET_S), (-1, 0.4, OFFSET_S), (1, 0.0, 1.7e9)]
+)
+def test_offset_sign_and_zero_of_a_gauge_are_found(sign, zero, offset_s):
+    found = compare_with_gauge(readings(), gauge(sign, zero, offset_s))
     # The slopes of 8 edges of 10 to 25 N/s hold some 60 readings of 0.1 N: 1 to 2 ms.
-    assert found.offset_s == pytest.approx(OFFSET_S, abs=4e-3)
-    assert abs(found.offset_s - OFFSET_S) < 4 * found.offset_std_s < 0.02
+    assert found.offset_s == pytest.approx(offset_s, abs=4e-3)
+    assert abs(found.offset_s - offset_s) < 4 * found.offset_std_s < 0.02
     assert found.sign == sign and found.zero_n == pytest.approx(zero, abs=0.005)
     assert found.other_offset_s is None and abs(found.correlation) > 0.99
 
@@ -273,12 +276,17 @@ def write_gauge(path, cell):
         rows.writerows(zip(cell.time_s, cell.force_n.round(4), strict=True))
 
 
-def test_score_compares_a_file_of_readings(tmp_path):
-    """A user wants figures and a picture, from readings that were made long ago."""
+@pytest.fixture
+def arguments(tmp_path):
+    """Those that score a file of readings against one of a gauge that is inverted."""
     with open_writer(tmp_path / "r.csv") as writer:
         write(writer, readings())
     write_gauge(tmp_path / "cell.csv", gauge(-1, 0.2))
-    arguments = ["score", tmp_path / "r.csv", "--against", tmp_path / "cell.csv"]
+    return ["score", tmp_path / "r.csv", "--against", tmp_path / "cell.csv"]
+
+
+def test_score_compares_a_file_of_readings(tmp_path, arguments):
+    """A user wants figures and a picture, from readings that were made long ago."""
     done = succeeded(*arguments, "--json", "--plot", tmp_path / "p.png", "-o", tmp_path / "o.csv")
     report = json.loads(done.stdout)
     assert report["offset_s"] == pytest.approx(OFFSET_S, abs=4e-3)
@@ -306,23 +314,19 @@ def test_score_compares_a_file_of_readings(tmp_path):
         ("force_raw", "lb", None),
     ],
 )
-def test_score_warns_where_the_unit_is_not_that_of_the_header(tmp_path, header, unit, warned):
+def test_score_warns_where_the_unit_is_not_that_of_the_header(arguments, header, unit, warned):
     """The gain was 0.0, and nothing said why."""
-    with open_writer(tmp_path / "r.csv") as writer:
-        write(writer, readings())
-    cell = tmp_path / "cell.csv"
-    write_gauge(cell, gauge())
+    cell = arguments[-1]
     cell.write_text(cell.read_text().replace("force_n", header))
-    done = succeeded("score", tmp_path / "r.csv", "--against", cell, "--unit", unit)
+    done = succeeded(*arguments, "--unit", unit)
     assert (f"{cell}: {warned}\n" in done.stderr) if warned else done.stderr == ""
 
 
-def test_score_says_where_a_file_of_readings_is_cut_off(tmp_path):
+def test_score_says_where_a_file_of_readings_is_cut_off(tmp_path, arguments):
     """Presses that the file lost were scored as if there had been none."""
-    path, cell = tmp_path / "r.mcap", tmp_path / "cell.csv"
+    path, cell = tmp_path / "r.mcap", arguments[-1]
     with McapWriter(path) as writer:
         write(writer, readings())
-    write_gauge(cell, gauge())
     path.write_bytes(path.read_bytes()[:-100])
     done = succeeded("score", path, "--against", cell)
     assert f"{path}: ends behind reading " in done.stderr

@@ -144,13 +144,6 @@ def test_one_antenna_of_a_wide_band_states_the_error_of_readings(tmp_path):
     assert narrow["one_antenna"]["phase_error_deg"] > 2.2 * found["one_antenna"]["phase_error_deg"]
 
 
-@pytest.mark.parametrize(
-    "arguments", [("check", ""), ("check", "/"), ("export", "", "--to", "csv")]
-)
-def test_names_that_no_file_has_are_refused(arguments):
-    refused(*arguments)
-
-
 def test_antenna_that_repeats_another_is_left_out(tmp_path):
     """Rounding is all that is left between them, in which a tag was seen."""
     arrays = dict(np.load(snapshots(tmp_path)))
@@ -292,16 +285,3 @@ def test_check_raw_samples_gives_what_the_scene_and_the_file_state(capture, tmp_
     (file,) = found["files"]
     assert file["seconds"] == pytest.approx(0.4) and file["checksum"] == "none"
     assert "unknown carrier" in text
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        ([], "give --scene and --args for a device, or a FILE"),
-        (["--scene", "demo"], "or a FILE"),
-        (["file", "--args", "addr=127.0.0.1"], "FILE and --args exclude each other"),
-        (["--datatype", "ci16_le"], "give a FILE"),
-    ],
-)
-def test_check_needs_a_capture_or_a_device(arguments, says):
-    assert says in refused("check", *arguments)

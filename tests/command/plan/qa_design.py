@@ -4,7 +4,7 @@
 import json
 
 import pytest
-from command_runs import refused, run_command
+from command_runs import run_command
 
 
 def test_design_of_the_paper_is_the_default():
@@ -30,18 +30,3 @@ def test_filled_gap_lowers_the_impedance_and_turns_faster():
         plain * found["effective_permittivity"] ** 0.5, rel=1e-9
     )
     assert 2.0 < found["effective_permittivity"] < 2.8
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--width-mm", "0"], "--width-mm"),
-        (["--permittivity", "0.5"], "--permittivity"),
-        (["--frequency-hz", "nan"], "--frequency-hz"),
-        (["--clock-hz", "50000"], "clock_hz: is not within reach"),
-        # It asked for 728 TiB.
-        (["--width-mm", "10000", "--height-mm", "0.001"], "must be at most 200 times"),
-    ],
-)
-def test_impossible_dimension_is_refused_in_one_line(options, words):
-    assert words in refused("design", *options)

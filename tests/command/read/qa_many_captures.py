@@ -7,7 +7,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -15,20 +14,15 @@ import numpy as np
 import pandas
 import pytest
 import yaml
-from command_runs import refused, run_command, succeeded
+from command_runs import ended_by, refused, run_command, succeeded
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture.names import find_captures, is_one
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
-from machine import wait_until
 from pyarrow import parquet
 from wiforce_app.read.read_many import Journal, ReadingJob, read_capture_file
 from wiforce_app.shell import workers
 
-COMMAND = [
-    *(sys.executable, "-c"),
-    "from wiforce_app.main import run; raise SystemExit(run())",
-]
 SCENE = {
     "radio": {"center_frequency_hz": 900e6, "sample_rate_hz": 1.25e6},
     "sounding": {"frame_length": 320},
@@ -38,13 +32,15 @@ SCENE = {
     "simulation": {"duration_s": 1.0, "seed": 3, "snr_db": 15, "static_clutter_db": 40},
 }
 
+NAMES = ["day1/a", "day1/b", "day2/c", "day2/d"]
+
 
 @pytest.fixture(scope="module")
 def captures(tmp_path_factory):
     """A folder with four captures in two subfolders, and what each reads alone."""
     folder = tmp_path_factory.mktemp("captures")
     simulate(load_scene(SCENE), folder / "original")
-    for name in ("day1/a", "day1/b", "day2/c", "day2/d"):
+    for name in NAMES:
         (folder / name).parent.mkdir(exist_ok=True)
         copy(folder / "original", folder / name)
     for file in folder.glob("original*"):
@@ -67,10 +63,9 @@ def in_process(monkeypatch):
 
 
 def copy(capture, name):
-    """A capture under another name, which its metadata must state."""
-    shutil.copy(f"{capture}.sigmf-data", f"{name}.sigmf-data")
-    fields = json.loads(Path(f"{capture}.sigmf-meta").read_text())
-    Path(f"{name}.sigmf-meta").write_text(json.dumps(fields))
+    """A capture under another name."""
+    for suffix in (".sigmf-data", ".sigmf-meta"):
+        shutil.copy(f"{capture}{suffix}", f"{name}{suffix}")
 
 
 def journal(folder):
@@ -83,7 +78,7 @@ def test_folder_of_captures_gives_file_of_each_equal_to_reading_it_alone(capture
     folder, alone = captures
     done = succeeded("read", folder, "-o", tmp_path / "out", "--jobs", 2)
     assert done.stdout == "" and "gr-wiforce: 4 of 4 captures read; " in done.stderr
-    for name in ("day1/a", "day1/b", "day2/c", "day2/d"):
+    for name in NAMES:
         assert (tmp_path / "out" / f"{name}.csv").read_text() == alone
     rows = len(alone.splitlines()) - 1
     assert [entry["rows"] for entry in journal(tmp_path / "out").values()] == [rows] * 4
@@ -160,9 +155,7 @@ def test_patterns_and_folders_find_each_capture_once(captures, tmp_path, monkeyp
     monkeypatch.chdir(folder)
     names = [capture.name for capture in find_captures(["day1", "day*/*", "day2/c.sigmf-meta"])]
     assert names == ["a", "b", "c", "d"]
-    assert [capture.name for capture in find_captures(["."])] == [
-        *("day1/a", "day1/b", "day2/c", "day2/d")
-    ]
+    assert [capture.name for capture in find_captures(["."])] == NAMES
     copy(folder / "day1" / "a", tmp_path / "a")
     copy(folder / "day1" / "a", tmp_path / "a.antenna2")
     copy(folder / "day1" / "a", tmp_path / "b[1]")
@@ -182,16 +175,15 @@ def test_interrupted_run_keeps_what_is_read_and_says_how_to_go_on(captures, tmp_
     for number in range(12):
         copy(folder / "day1" / "a", tmp_path / "in" / f"press{number:02}")
     out = tmp_path / "out"
-    words = [*COMMAND, "read", tmp_path / "in", "-o", out, "--jobs", "1"]
-    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
-        wait_until(lambda: len(list(out.glob("[!.]*.csv"))) >= 2)
-        process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=300)
-    assert process.returncode == 130
-    done = len(list(out.glob("[!.]*.csv")))
-    assert 2 <= done < 12
+
+    def done():
+        return list(out.glob("[!.]*.csv"))
+
+    words = "read", tmp_path / "in", "-o", out, "--jobs", "1"
+    status, errors = ended_by(signal.SIGINT, lambda: len(done()) >= 2, *words)
+    assert status == 130 and 2 <= len(done()) < 12
     assert errors.endswith("captures have been read; the same command reads the others\n")
-    assert {file.read_text() for file in out.glob("[!.]*.csv")} == {alone}
+    assert {file.read_text() for file in done()} == {alone}
     assert not list(out.glob(".*")), "a partial file was left"
 
 
@@ -202,7 +194,7 @@ def test_one_parquet_file_holds_all_captures_with_their_names(in_process, captur
     frame = pandas.read_parquet(whole)
     expected = pandas.read_csv(io.StringIO(alone), keep_default_na=False, na_values=[""])
     names = frame["capture"].astype(str)
-    assert list(names.unique()) == ["day1/a", "day1/b", "day2/c", "day2/d"]
+    assert list(names.unique()) == NAMES
     for _, rows in frame.groupby(names):
         assert len(rows) == len(expected)
         for column in ("time_s", "touch", "phase1_deg", "snr_db", "group"):

@@ -2,7 +2,6 @@
 """`gr-wiforce read` and `demo` as a user runs them, and their messages for bad input."""
 
 import csv
-import json
 import re
 import shutil
 import signal
@@ -12,11 +11,11 @@ import sys
 import numpy as np
 import pytest
 import yaml
-from command_runs import refused, run_command, succeeded
+from command_runs import ended_by, refused, run_command, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from long_cases import cases
-from machine import full_disk, rows_in, wait_until
+from machine import full_disk, rows_in
 
 
 @pytest.fixture(scope="module")
@@ -41,17 +40,11 @@ def test_demo_reaches_its_limits_and_draws_a_picture(demo):
     assert len(rows) > 5 and all(abs(force - true) < 0.5 for _, force, _, true, *_ in rows)
 
 
-def test_read_csv_on_stdout_and_json_lines_in_file_agree(demo, printed, read_args, tmp_path):
-    assert printed.stdout == (demo[0] / "readings.csv").read_text()  # read by a flowgraph
-    output = tmp_path / "out.jsonl"
-    succeeded(*read_args, "-o", output, "--plot", tmp_path / "p.png")
-    rows = list(csv.DictReader(printed.stdout.splitlines()))
-    lines = [json.loads(line) for line in output.read_text().splitlines()]
+def test_read_prints_what_a_flowgraph_reads(demo, printed):
+    assert printed.stdout == (demo[0] / "readings.csv").read_text()
+    assert printed.stdout.count("\n") == 1 + 83
     assert printed.stderr.startswith("gr-wiforce: read 83 groups: ")
-    assert printed.stderr.count("\n") == 1 and len(rows) == len(lines) == 83
-    for row, line in zip(rows, lines, strict=True):
-        assert row == {key: "" if value is None else str(value) for key, value in line.items()}
-    assert (tmp_path / "p.png").stat().st_size > 10_000
+    assert printed.stderr.count("\n") == 1
 
 
 def test_read_writes_all_rows_beside_an_output_that_becomes_full(printed, read_args, tmp_path):
@@ -107,12 +100,7 @@ def completed(command, _):
 
 def followed(command, output):
     """The same of one that waits for more samples, interrupted when it has read 30 groups."""
-    words = ["gr-wiforce", *map(str, command), "--follow"]
-    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as reading:
-        wait_until(lambda: rows_in(output) > 30)
-        reading.send_signal(signal.SIGINT)
-        said = reading.communicate(timeout=300)[1]
-    return reading.returncode, said
+    return ended_by(signal.SIGINT, lambda: rows_in(output) > 30, *command, "--follow")
 
 
 @pytest.mark.parametrize("follow", cases(True, long=(False,)))

@@ -15,6 +15,7 @@ import pytest
 from command_runs import refused, run_command
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.receiver.plotting import plot
 from long_cases import cases
 from wiforce_app import blas_settings
 from wiforce_app import main as app
@@ -110,6 +111,19 @@ BAD_USAGE = {
     "live --scene wifi_packets --args x": "--scene: must have no packets: a radio gives samples",
     "read demo paper_900": "demo: is a scene and not a capture; give it by --scene",
     "bench speed --megabytes 99999999999": "both recordings must fit on the disk",
+    "check": "give --scene and --args for a device, or a FILE",
+    "check --scene demo": "or a FILE",
+    "check file --args addr=127.0.0.1": "FILE and --args exclude each other",
+    "check --datatype ci16_le": "give a FILE",
+    "check ": "'.': is not the name of a capture",
+    "check /": "'/': is not the name of a capture",
+    "export  --to csv": "READINGS: must be the name of a file, got ''",
+    "design --width-mm 0": "--width-mm",
+    "design --permittivity 0.5": "--permittivity",
+    "design --frequency-hz nan": "--frequency-hz",
+    "design --clock-hz 50000": "clock_hz: is not within reach",
+    # It asked for 728 TiB.
+    "design --width-mm 10000 --height-mm 0.001": "must be at most 200 times",
 }
 
 
@@ -190,16 +204,14 @@ def test_progress_in_pipe_is_silent_on_terminal_is_drawn():
     assert b"working" in drawn and b"100%" in drawn
 
 
-def test_plot_crosses_flagged_readings_without_a_wider_axis(tmp_path, monkeypatch):
+def test_plot_crosses_flagged_readings_without_a_wider_axis(tmp_path):
     """One absurd reading must not flatten all others, nor look as reliable as they do."""
     from matplotlib.figure import Figure
 
-    saved = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *args, **options: saved.append(figure))
     clear = Reading(0.2, "arm", 1, 4.0, 0.1, 40.0, 0.5)
     absurd = replace(clear, time_s=0.3, force_n=40.0, location_mm=75.0, flags=("weak",))
-    plot_readings([clear, absurd, replace(clear, time_s=0.4)], tmp_path / "out.png")
-    for axis, largest in zip(saved[0].axes[:2], (6.0, 45.0), strict=True):
+    axes = plot([clear, absurd, replace(clear, time_s=0.4)], axes=Figure().subplots(4, 1))
+    for axis, largest in zip(axes[:2], (6.0, 45.0), strict=True):
         (crosses,) = [line for line in axis.get_lines() if line.get_label().startswith("flagged")]
         assert crosses.get_xdata().tolist() == [0.3] and axis.get_ylim()[1] < largest
     with warnings.catch_warnings():

@@ -181,22 +181,6 @@ def test_export_accepts_integers_as_pandas_writes_them(tmp_path):
     assert (row["touch"], row["force_n"], row["group"]) == (1, None, 3)
 
 
-def test_score_offset_of_a_gauge_with_unix_times_is_as_exact_as_of_small_ones(tmp_path):
-    """Most loggers write seconds since 1970, where the offset was not refined."""
-    times = 0.018 + 0.036 * np.arange(200)
-    force = np.where((times > 2) & (times < 4), times, 0.0)
-    rows = [f"{t},arm,{int(f > 0)},{f},0.1,40,," for t, f in zip(times, force, strict=True)]
-    head = "time_s,sensor,touch,force_n,force_std_n,location_mm,flags,group"
-    (tmp_path / "a.csv").write_text("\n".join([head, *rows]) + "\n")
-    fine = np.arange(0, 7.2, 0.004)
-    shown = np.where((fine > 2) & (fine < 4), fine, 0.0)
-    for start in (0.0, 1.7e9):
-        lines = [f"{start + t - 0.007:.6f},{f}" for t, f in zip(fine, shown, strict=True)]
-        (tmp_path / "g.csv").write_text("\n".join(["time_s,force_n", *lines]) + "\n")
-        done = succeeded("score", tmp_path / "a.csv", "--against", tmp_path / "g.csv", "--json")
-        assert abs(json.loads(done.stdout)["offset_s"] - start + 0.007) < 0.005
-
-
 @pytest.mark.parametrize(
     ("times", "message"),
     [

@@ -12,12 +12,10 @@ from gnuradio.wiforce.planning.advice import improve, warnings
 from gnuradio.wiforce.planning.clocks import (
     assess_clocks,
     clocks_for,
-    line_distances_hz,
     propose_clocks,
 )
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
-from gnuradio.wiforce.signal.lines import lamp_distances_hz
 from long_cases import cases
 from plain import WAVEFORM, averaged_switches, make_plan
 
@@ -114,25 +112,16 @@ def test_assess_clocks_counts_all_of_a_long_group():
     assert losses == pytest.approx([2.14, 0.84, 0.67], abs=0.02)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_line_distances_equal_search_over_lines_and_errors(seed):
-    """The table decides for all pairs at once what a comparison of lines would."""
-    rng = np.random.default_rng(seed)
-    clocks = rng.uniform(200, 2100, 12)
-    found = line_distances_hz(clocks[:, None], clocks, 300.0)
-    for i, j in itertools.combinations(range(12), 2):
-        expected = line_gap_hz((clocks[i], clocks[j]), 300.0)
-        nominal = line_gap_hz((clocks[i], clocks[j]), 0.0)
-        # Within reach of the tolerance lines may coincide between its two ends.
-        assert found[i, j] == pytest.approx(expected) or found[i, j] == 0 < nominal < 5
-
-
-@pytest.mark.parametrize("mains_hz", [BOTH, (50.0,), (60.0,)])
-def test_lamp_distances_equal_search_among_lamp_lines(mains_hz):
-    """A wrong distance would recommend clocks that lamps disturb."""
-    for clock_hz in (387.0, 1000.0, 1035.0, 1040.0, 1399.5, 2150.0):
-        found = lamp_distances_hz(clock_hz, mains_hz).min()
-        assert found == pytest.approx(lamp_gap_hz([clock_hz], mains_hz))
+@pytest.mark.parametrize("mains_hz", ["auto", 50, 60])
+def test_distances_of_proposed_clocks_equal_a_search_over_lines_and_errors(mains_hz):
+    """A wrong distance would recommend clocks that lamps or each other's lines disturb."""
+    scene = scene_of(1000, 1400, environment={"mains_hz": mains_hz})
+    for count in (2, 5, 9):
+        found = clocks_for(scene, count)
+        assert found.line_distance_hz == pytest.approx(line_gap_hz(found.clocks_hz, 100.0))
+        lamps_hz = BOTH if mains_hz == "auto" else (mains_hz,)
+        expected = [lamp_gap_hz([hz], lamps_hz) for hz in found.clocks_hz]
+        assert found.lamp_distances_hz == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("group_length, tolerance_ppm", cases((625, 100.0), long=((1250, 500.0),)))
@@ -173,19 +162,25 @@ def test_proposed_clock_nearest_to_own_of_those_as_far_from_lamps():
 
 
 @pytest.mark.parametrize(
-    "name, clocks_hz",
-    [("workshop_lamps", [1035.0]), ("two_sensors", [1035.0, 1365.0]), ("tabletop", None)],
+    "scene, clocks_hz",
+    [
+        ("workshop_lamps", [1035.0]),
+        ("two_sensors", [1035.0, 1365.0]),
+        ("tabletop", None),
+        (scene_of(1000.0, 1400.0, 800.0), None),
+        (scene_of(120.0, group_length=300, packets={}), None),
+    ],
 )
-def test_plan_warning_improve_and_proposal_name_the_same_clocks(name, clocks_hz):
-    """A tag builder who asks in two ways must not get two answers."""
-    scene = load_scene(name)
+def test_plan_warning_improve_and_proposal_name_the_same_clocks(scene, clocks_hz):
+    """A tag builder who asks in two ways must not get two answers, of all tags at once."""
+    scene = load_scene(scene)
     proposed = clocks_for(scene, len(scene.sensors)).clocks_hz
     assert clocks_hz is None or proposed == clocks_hz
     warned = {float(text.split("with a clock of ")[1].split()[0]) for text in lamp_warnings(scene)}
-    improved = named_by_improve(scene)
     assert warned and warned <= set(proposed)
-    for i, hz in enumerate(proposed):
-        assert improved.get(i, hz) == hz
+    now = [sensor.clock_hz for sensor in scene.sensors]
+    other = {i: hz for i, hz in enumerate(proposed) if hz != now[i]}
+    assert named_by_improve(scene) == other
 
 
 def test_clock_that_a_firmware_makes_stays_where_another_gains_little():
@@ -193,21 +188,6 @@ def test_clock_that_a_firmware_makes_stays_where_another_gains_little():
     scene = scene_of(1033.0579)
     assert clocks_for(scene, 1).clocks_hz == [1033.0579]
     assert named_by_improve(scene) == {} and lamp_warnings(scene) == []
-
-
-def test_improve_of_packets_names_the_proposed_clocks():
-    """Packets have times of their own, but a scene with them has one proposal as well."""
-    scene = scene_of(120.0, group_length=300, packets={})
-    (proposed,) = clocks_for(scene, 1).clocks_hz
-    assert named_by_improve(scene) == {0: proposed}
-
-
-def test_improve_names_clocks_for_all_tags_that_lamps_disturb():
-    """Changing one clock at a time does not help where all of them lie on lines of lamps."""
-    clocks = [*named_by_improve(scene_of(1000.0, 1400.0, 800.0)).values()]
-    assert len(clocks) == 3
-    assert line_gap_hz(clocks, 100.0) >= 2 * bin_hz(625)
-    assert lamp_gap_hz(clocks) >= bin_hz(625)
 
 
 def test_plan_names_only_clocks_that_it_accepts():

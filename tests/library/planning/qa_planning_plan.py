@@ -25,9 +25,10 @@ from wiforce_app.read.recordings import read_capture
 T, TA = 57.6e-6, 20.48e-6
 
 
-def scene_of(sensors=None, **sections):
-    sensor = {"name": "arm", "model": "line-900mhz-calibrated"}
-    return load_scene({"sensors": sensors or [sensor], **sections})
+def scene_of(sensor=None, **sections):
+    """A scene of one sensor, of which keys may be stated."""
+    arm = {"name": "arm", "model": "line-900mhz-calibrated"}
+    return load_scene({"sensors": [arm | (sensor or {})], **sections})
 
 
 @pytest.mark.parametrize("harmonics, clutter_hz", [(8, 0.0), (12, 0.0), (8, 60.0)])
@@ -65,8 +66,7 @@ def test_plan_chooses_fewest_harmonics_within_a_tenth_of_a_db():
 )
 def test_automatic_clutter_band_costs_a_tenth_of_a_db_at_most(clock_hz, snapshots, band_hz):
     """Readings in a quiet room must not pay for movers that may never come."""
-    sensor = {"name": "arm", "model": "line-900mhz", "clock_hz": clock_hz}
-    chosen = plan(scene_of([sensor], phase_group={"snapshots": snapshots}))
+    chosen = plan(scene_of({"clock_hz": clock_hz}, phase_group={"snapshots": snapshots}))
     assert chosen.clutter_hz == band_hz
     still, moving = (
         end_variances(dataclasses.replace(chosen, clutter_hz=hertz)) for hertz in (0.0, band_hz)
@@ -81,7 +81,7 @@ def test_plan_short_group_falls_back_to_fewer_lines(snapshots):
         {"name": n, "model": "line-900mhz-calibrated", "clock_hz": f, "clock_tolerance_ppm": 10}
         for n, f in (clocks[:1] if snapshots < 90 else clocks)
     ]
-    chosen = plan(scene_of(sensors, phase_group={"snapshots": snapshots}))
+    chosen = plan({"sensors": sensors, "phase_group": {"snapshots": snapshots}})
     assert np.all(np.isfinite(chosen.table.weights))
 
 
@@ -124,8 +124,7 @@ def test_expect_simulated_scene_gives_errors_of_readings(tmp_path):
     scene = scene_of(**MOVING)
     expected = expect(plan(scene))[0]
     simulate(scene, tmp_path / "capture")
-    readings = []
-    read_capture(open_capture(tmp_path / "capture"), scene, readings.append)
+    readings = read_capture(open_capture(tmp_path / "capture"), scene)
     found = score(readings, read_truth(tmp_path / "capture.truth.csv"), "arm")
     assert len(found.force_error_n) >= 20
     # of the change against the untouched sensor: what the calibration errs by there is constant
@@ -172,9 +171,8 @@ def test_warnings_faulty_scene_names_fault(scene, warning):
 )
 def test_pressing_another_sensor_than_the_one_that_is_read_is_stated(model, another):
     """Who puts a sensor of their own into a scene would take errors of newtons for its own."""
-    sensor = {"name": "arm", "model": model, "clock_hz": 1035}
     pressed = {"truth_model": "line-900mhz"}
-    texts = warnings(plan(scene_of([sensor], simulation=pressed)))
+    texts = warnings(plan(scene_of({"model": model, "clock_hz": 1035}, simulation=pressed)))
     assert any("simulation.truth_model line-900mhz" in text for text in texts) == another
 
 
@@ -217,17 +215,6 @@ def test_command_json_holds_results_of_functions(tmp_path):
     assert report["warnings"] == warnings(settings) and "us-902-928" in report["warnings"][0]
 
 
-# Carrier, rate, band, warned; edges from 47 CFR 15.247 and ERC 70-03.
-BAND_CASES = [
-    (915e6, 12.5e6, "us-902-928", False),
-    (908e6, 12.5e6, "us-902-928", True),  # 901.95 MHz
-    (908.1e6, 12.5e6, "us-902-928", False),  # 902.05 MHz
-    (866.5e6, 6.25e6, "eu-863-870", False),
-    (2440e6, 12.5e6, "eu-2400-2483.5", False),
-    (900e6, 12.5e6, None, False),
-]
-
-
 def on_air(carrier_hz, rate_hz=12.5e6, band=None):
     """A scene on a carrier, whatever its model holds."""
     scene = scene_of(radio={"sample_rate_hz": rate_hz}, environment={"band": band})
@@ -235,7 +222,18 @@ def on_air(carrier_hz, rate_hz=12.5e6, band=None):
     return dataclasses.replace(scene, radio=radio)
 
 
-@pytest.mark.parametrize("carrier_hz, rate_hz, band, warned", BAND_CASES)
+# Edges from 47 CFR 15.247 and ERC 70-03.
+@pytest.mark.parametrize(
+    "carrier_hz, rate_hz, band, warned",
+    [
+        (915e6, 12.5e6, "us-902-928", False),
+        (908e6, 12.5e6, "us-902-928", True),  # 901.95 MHz
+        (908.1e6, 12.5e6, "us-902-928", False),  # 902.05 MHz
+        (866.5e6, 6.25e6, "eu-863-870", False),
+        (2440e6, 12.5e6, "eu-2400-2483.5", False),
+        (900e6, 12.5e6, None, False),
+    ],
+)
 def test_plan_warns_outside_stated_band(carrier_hz, rate_hz, band, warned):
     """Transmitting outside the band is an offence that the file's writer wanted to avoid."""
     found = list(outside_band(on_air(carrier_hz, rate_hz, band)))
@@ -264,11 +262,9 @@ TWO_ANTENNAS = {"reader_clock": "free", "receive_antennas": 2}
 )
 def test_what_limits_the_errors_is_counted_and_named(snr_db, off_std, environment, limit):
     """More transmit power does not help where the calibration is the limit."""
-    sensor = {"name": "arm", "model": "line-900mhz-calibrated"}
-    sensor["off_reflection"] = [[0.3, 0.0], [-0.3, 0.0]]
-    sensor["off_reflection_std"] = off_std
-    scene = scene_of([sensor], simulation={"snr_db": snr_db}, environment=environment)
-    settings, exact = plan(scene), plan(scene_of([sensor | {"off_reflection_std": 0}]))
+    off = {"off_reflection": [[0.3, 0.0], [-0.3, 0.0]], "off_reflection_std": off_std}
+    scene = scene_of(off, simulation={"snr_db": snr_db}, environment=environment)
+    settings, exact = plan(scene), plan(scene_of(off | {"off_reflection_std": 0}))
     (found,), (best,) = expect(settings), expect(exact)
     assert found.limited_by == limit and ", limited by the " in str(found)
     assert limit == "calibration" or found.force_error_n > 1.5 * best.force_error_n
@@ -285,7 +281,7 @@ def test_error_of_the_ruler_is_part_of_every_expected_location(tmp_path):
     write_sensor(dataclasses.replace(model, ruler_std_mm=0.5), tmp_path / "ruled.yaml")
     maps, found = [], []
     for name in ("exact", "ruled"):
-        settings = plan(scene_of([{"name": "arm", "model": str(tmp_path / f"{name}.yaml")}]))
+        settings = plan(scene_of({"model": str(tmp_path / f"{name}.yaml")}))
         maps.append(error_map(settings, 0, np.r_[2.0, 4.0], np.r_[30.0, 50.0]))
         found += [each.location_error_mm for each in expect(settings)]
     assert maps[1][..., 0] == pytest.approx(maps[0][..., 0])
@@ -295,8 +291,7 @@ def test_error_of_the_ruler_is_part_of_every_expected_location(tmp_path):
 
 def test_share_of_the_span_that_is_flagged_is_stated():
     """Of two locations that the paper measured, half of the span between them says nothing."""
-    sensor = {"name": "arm", "model": "wiforce-900mhz", "clock_hz": 1035}
-    (partly,) = expect(plan({"sensors": [sensor]}))
+    (partly,) = expect(plan(scene_of({"model": "wiforce-900mhz", "clock_hz": 1035})))
     assert f"span without the {partly.flagged:.0%} where readings are flagged, " in str(partly)
     assert 0.4 < partly.flagged < 0.6
 
@@ -314,7 +309,7 @@ def test_plan_infeasible_weights_names_key_of_scene(
 ):
     """Users edit the scene's file: a parameter of an inner function would tell them nothing."""
     scene = scene_of(
-        [{"name": "arm", "model": "line-900mhz-calibrated", "clock_hz": clock_hz}],
+        {"clock_hz": clock_hz},
         sounding={"frame_length": frame_length},
         phase_group={"snapshots": snapshots},
         environment={"moving_clutter_hz": clutter_hz},

@@ -5,10 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.effects import Beam
 from gnuradio.wiforce.scene.simulated import Press, Tag
-from gnuradio.wiforce.simulation.channel import AirChannel
 from gnuradio.wiforce.simulation.presses import shown_force
 from gnuradio.wiforce.simulation.random_sources import Seeds
 from gnuradio.wiforce.simulation.tag import (
@@ -18,27 +16,10 @@ from gnuradio.wiforce.simulation.tag import (
     switch_states,
     with_duty_errors,
 )
+from quiet_air import channel_of
 
 CLOCK = (1000.0, 3000.0, 1.0, 3100.0, 0.123)
 PRESS = {"start_s": 1.0, "hold_s": 1.0, "rise_s": 0.5, "force_n": 4.0, "location_mm": 33.0}
-
-
-def channel_of(seed=1, presses=(), **tag):
-    return AirChannel(
-        load_scene(
-            {
-                "sensors": [{"name": "arm", "model": "line-900mhz"}],
-                "simulation": {
-                    "seed": seed,
-                    "snr_db": 120,
-                    "static_clutter_db": None,
-                    "duration_s": 20,
-                    "tags": [tag],
-                    "presses": list(presses),
-                },
-            }
-        )
-    )
 
 
 def irregular(wander=0.0, jitter=0.0, period_jitter=0.0, seed=1):
@@ -119,7 +100,8 @@ def reflection_change(seed, at_s, **tag):
     """Phase of the tag's reflection with a property relative to without it, in degrees."""
     first = int(at_s * 12.5e6)
     with_it, without = (
-        channel_of(seed, **each).sensors["arm"].reflection(first, 12_500) for each in (tag, {})
+        channel_of(seed=seed, tags=[each]).sensors["s0"].reflection(first, 12_500)
+        for each in (tag, {})
     )
     on = np.flatnonzero(np.abs(without) > 0.99)
     return np.angle(with_it[on] / without[on], deg=True)
@@ -143,15 +125,15 @@ def test_beam_shows_more_force_while_unloading_and_creeps():
     found = shown_force(held, np.array([1.001, 3.0, 10.9]), beam)
     assert found == pytest.approx(4 + 0.4 * (1 - np.exp([-5e-4, -1, -4.95])))
     # The truth is the force that is applied.
-    channel = channel_of(presses=[PRESS], beam={"hysteresis": 0.1, "creep": 0})
-    force = channel.touch_state(np.array([1.25, 2.75]))["arm"].force_n
+    channel = channel_of(presses=[PRESS], tags=[{"beam": {"hysteresis": 0.1, "creep": 0}}])
+    force = channel.touch_state(np.array([1.25, 2.75]))["s0"].force_n
     np.testing.assert_allclose(force, 2, atol=1e-9)
 
 
 def test_hand_adds_moving_path_while_it_presses_only():
     press = PRESS | {"rise_s": 0.1, "hold_s": 2.0}
     hand = {"level_db": -20, "sway_mm": 5}
-    pair = [channel_of(presses=[press], **each) for each in ({"hand": hand}, {})]
+    pair = [channel_of(presses=[press], tags=[each]) for each in ({"hand": hand}, {})]
     sent = np.ones(12_500)  # a period of the clock
     changes = []
     for at_s in (0.2, 1.2, 1.9):
