@@ -271,14 +271,14 @@ def board(x, y):
     yield named(x, y + height + 3.8, note, color=draw.FAINT, anchor="start")
 
 
-def drawings():
-    """{file name: SVG} of both drawings."""
+def files():
+    """{path: SVG} of both drawings."""
     return {
-        "tag_schematic.svg": draw.svg(960, 620, schematic()),
-        "tag_layout.svg": draw.svg(880, 480, layout()),
+        draw.IMAGES / "tag_schematic.svg": draw.svg(960, 620, schematic()),
+        draw.IMAGES / "tag_layout.svg": draw.svg(880, 480, layout()),
     }
 
 
 if __name__ == "__main__":
-    for name, text in drawings().items():
-        (draw.IMAGES / name).write_text(text, encoding="utf-8")
+    for path, text in files().items():
+        path.write_text(text, encoding="utf-8")
