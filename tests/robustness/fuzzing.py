@@ -169,9 +169,6 @@ class ToolKind(Kind):
         return "checked as samples" if ": samples, " in shown else None
 
 
-KINDS = ("scene", "sensor", "vna", "index", "touchstone", "phases", "metadata", "samples")
-KINDS += ("snapshots", "surface", "spreading", "taps", "symbol", "radio")
-KINDS += ("intel", "atheros", "nexmon", "esp32", "picoscenes")
 _READ = ("read", "-o", "out.csv", "--scene", "scene.yaml")
 _CALIBRATE = ("calibrate", "-o", "out.yaml", "--form", "cubic", "--length-mm", "10")
 _TOUCHSTONE = (*_CALIBRATE, "--frequency-hz", "900e6")
@@ -180,30 +177,31 @@ _CHECK = ("check", "--scene", "scene.yaml", "--driver", "soapy")
 _INVERT = ("invert", "-o", "out.jsonl", "--sensor")
 
 
+# By name: the class and its arguments.
+KINDS = {
+    "scene": (Kind, "x.yaml", "scene.yaml", "plan", "x.yaml"),
+    "sensor": (Kind, "y.yaml", "arm.yaml", *_INVERT, "y.yaml", "phases.csv"),
+    "vna": (Kind, "x.csv", "vna.csv", *_CALIBRATE, "x.csv"),
+    "index": (Kind, "i.csv", "index.csv", *_TOUCHSTONE, "i.csv"),
+    "touchstone": (Kind, "00.s2p", "first.s2p", *_TOUCHSTONE, "index.csv"),
+    "phases": (Kind, "p.csv", "phases.csv", *_INVERT, "wiforce-900mhz", "p.csv"),
+    "metadata": (Kind, "x.sigmf-meta", "capture.sigmf-meta", *_READ, "x"),
+    "samples": (Kind, "x.bin", "capture.sigmf-data", *_READ, "x.bin", "--datatype", "ci16_le"),
+    "snapshots": (Kind, "x.npz", "packets.npz", "read", "-o", "out.csv", "x.npz"),
+    "surface": (Kind, "w.yaml", "surface.yaml", "plan", "w.yaml"),
+    "spreading": (Kind, "skin.yaml", "law.yaml", "plan", "surface.yaml"),
+    "taps": (Kind, "t.csv", "taps.csv", *_SKIN, "t.csv"),
+    "symbol": (Kind, "own.npy", "chirp.npy", "plan", "symbol.yaml"),
+    "radio": (OptionsKind, "options.txt", "radio.txt", *_CHECK),
+}
+TOOLS = ("intel", "atheros", "nexmon", "esp32", "picoscenes")
+KINDS |= {tool: (ToolKind, "x.dat", f"{tool}.dat", "check", "x.dat") for tool in TOOLS}
+
+
 def kind_of(name):
     """A kind by its name; works in a folder that was prepared."""
-    return {
-        "scene": lambda: Kind("x.yaml", "scene.yaml", "plan", "x.yaml"),
-        "sensor": lambda: Kind("y.yaml", "arm.yaml", *_INVERT, "y.yaml", "phases.csv"),
-        "surface": lambda: Kind("w.yaml", "surface.yaml", "plan", "w.yaml"),
-        "spreading": lambda: Kind("skin.yaml", "law.yaml", "plan", "surface.yaml"),
-        "taps": lambda: Kind("t.csv", "taps.csv", *_SKIN, "t.csv"),
-        "vna": lambda: Kind("x.csv", "vna.csv", *_CALIBRATE, "x.csv"),
-        "index": lambda: Kind("i.csv", "index.csv", *_TOUCHSTONE, "i.csv"),
-        "touchstone": lambda: Kind("00.s2p", "first.s2p", *_TOUCHSTONE, "index.csv"),
-        "phases": lambda: Kind("p.csv", "phases.csv", *_INVERT, "wiforce-900mhz", "p.csv"),
-        "metadata": lambda: Kind("x.sigmf-meta", "capture.sigmf-meta", *_READ, "x"),
-        "samples": lambda: Kind(
-            "x.bin", "capture.sigmf-data", *_READ, "x.bin", "--datatype", "ci16_le"
-        ),
-        "symbol": lambda: Kind("own.npy", "chirp.npy", "plan", "symbol.yaml"),
-        "radio": lambda: OptionsKind("options.txt", "radio.txt", *_CHECK),
-        **{
-            tool: lambda tool=tool: ToolKind("x.dat", f"{tool}.dat", "check", "x.dat")
-            for tool in ("intel", "atheros", "nexmon", "esp32", "picoscenes")
-        },
-        "snapshots": lambda: Kind("x.npz", "packets.npz", "read", "-o", "out.csv", "x.npz"),
-    }[name]()
+    kind, *arguments = KINDS[name]
+    return kind(*arguments)
 
 
 def prepare(folder):

@@ -66,9 +66,7 @@ def check(codes, seed, chosen, earliest=0):
 
 def sequence(path, seed):
     """What is wrong after the random faults of a seed, and how many readings have no flag."""
-    rng = np.random.default_rng([seed, 99])
-    count = rng.integers(1, 5)
-    chosen = [faults.ALL_FAULTS[i] for i in rng.integers(len(faults.ALL_FAULTS), size=count)]
+    chosen = faults.random_faults(seed, faults.ALL_FAULTS)
     readings, wrong = check(codes_in(path), seed, chosen)
     return wrong, sum(not r.flags for r in readings)
 
