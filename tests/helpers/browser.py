@@ -8,6 +8,7 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+from machine import wait_until
 from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
@@ -61,11 +62,7 @@ class Browser:
 
     def wait(self, script, limit_s=60.0):
         """Wait until a script returns something true; returns it."""
-        end = time.monotonic() + limit_s
-        while not (result := self.run(script)):
-            assert time.monotonic() < end, f"not in time: {script}"
-            time.sleep(0.03)
-        return result
+        return wait_until(lambda: self.run(script), limit_s, 0.03)
 
     def errors(self):
         """Lines of the console that are warnings or errors."""
@@ -84,9 +81,7 @@ class Browser:
 
     def foreign_requests(self):
         """Those that leave this machine."""
-        return [
-            url for url in self.requests() if not (_LOCAL.match(url) or _OWN.match(url))
-        ]  # fmt: skip
+        return [url for url in self.requests() if not (_LOCAL.match(url) or _OWN.match(url))]
 
     def picture(self, path):
         """Save the page in its whole height, at its present width."""

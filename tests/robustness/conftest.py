@@ -56,7 +56,7 @@ def sandbox(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def readings(sandbox):
-    """The lines of the capture's readings."""
+    """The capture's readings as CSV."""
     done = sandbox.run("read", "press", "--scene", "scene.yaml")
     assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines(keepends=True)
+    return done.stdout

@@ -7,7 +7,6 @@ from multiprocessing import get_context
 
 import faults
 import numpy as np
-import pmt
 import pytest
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
@@ -121,15 +120,6 @@ def test_a_reference_taken_late_is_flagged_in_all_that_rests_on_it(path):
     readings, _ = faults.read(stream)
     assert readings[-1].touch is not None
     assert all("inconsistent" in r.flags for r in readings if r.touch is not None)
-
-
-def test_a_device_opened_again_is_flagged_even_where_nothing_seems_changed(path):
-    """A phase that happens to be near the old one would give slightly wrong forces."""
-    stream = faults.Stream(codes_in(path).copy())
-    stream.tag(20 * faults.GROUP, "retuned", pmt.from_uint64(1))
-    readings, _ = faults.read(stream)
-    flagged = ["moved" in r.flags for r in readings]
-    assert len(flagged) > 25 and all(flagged[20:]) and sum(flagged[:20]) < 3
 
 
 @pytest.mark.long
