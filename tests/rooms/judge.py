@@ -25,7 +25,6 @@ class Tally:
     judged: list = field(default_factory=list)
     refused: list = field(default_factory=list)
     suspected: Counter = field(default_factory=Counter)
-    seconds: float = 0.0
 
     def add(self, other):
         for name, value in vars(other).items():
@@ -53,7 +52,8 @@ class Tally:
         """
         read, touches = self.readings, self.touches
         trusted, steady = touches[~touches["flagged"]], read[read["steady"]]
-        figures = {
+        force = trusted["force_n"]
+        return {
             "refused": sorted(set(self.refused)),
             "steady": len(steady),
             "read_share": len(trusted) / len(steady) if len(steady) else math.nan,
@@ -65,23 +65,15 @@ class Tally:
             "phase1_rms_deg": rms(trusted["phase1_deg"]),
             "phase2_rms_deg": rms(trusted["phase2_deg"]),
             "all_phases_rms_deg": rms(touches[PHASES].to_numpy(float).ravel()),
-            "captures": len(self.judged),
             "suspected": dict(self.suspected.most_common()),
             "rejected": read["interference"].mean(),
+            "force_median_n": force.abs().median(),
+            "force_90th_n": force.abs().quantile(0.9),
+            "force_error_over_std": rms(force) / rms(trusted["force_std_n"]),
+            "force_within_2": (force.abs() <= 2 * trusted["force_std_n"]).mean(),
+            "location_median_mm": trusted["location_mm"].abs().median(),
+            "flags": dict(Counter(" ".join(steady["flags"]).split()).most_common()),
         }
-        for name in ("force_n", "location_mm"):
-            key, _, unit = name.partition("_")
-            error, std = trusted[name], trusted[f"{key}_std_{unit}"]
-            figures |= {
-                f"{key}_median_{unit}": error.abs().median(),
-                f"{key}_90th_{unit}": error.abs().quantile(0.9),
-                f"{key}_rms_{unit}": rms(error),
-                f"{key}_std_rms_{unit}": rms(std),
-                f"{key}_error_over_std": rms(error) / rms(std),
-                f"{key}_within_2": (error.abs() <= 2 * std).mean(),
-            }
-        flags = Counter(" ".join(steady["flags"]).split())
-        return figures | {"flags": dict(flags.most_common()), "seconds": self.seconds}
 
 
 def rms(values):

@@ -21,7 +21,6 @@ import math
 import shutil
 import sys
 import tempfile
-import time
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
@@ -46,9 +45,8 @@ def calibrated(table, cache):
     shutil.copy(kept, table.with_suffix(".yaml"))
 
 
-def score_capture(name, seed, folder, cache, keep, room=None):
+def score_capture(name, seed, folder, cache, keep=False, room=None):
     """Write, calibrate, read and judge one capture; of another room than its name's if given."""
-    began = time.monotonic()
     room = room or room_named(name)
     folder.mkdir(parents=True, exist_ok=True)
     write_room(room, seed, folder)
@@ -61,10 +59,9 @@ def score_capture(name, seed, folder, cache, keep, room=None):
     else:
         said = done.stderr.strip().replace(f"{folder}/", "")
         tally = Tally(refused=[f"exit {done.returncode}: {said}"])
-    tally.seconds = time.monotonic() - began
     if not keep:
         shutil.rmtree(folder)
-    return name, tally
+    return tally
 
 
 COLUMNS = (
@@ -151,7 +148,7 @@ def main(arguments=None):
         for name, own in tasks.items():
             tallies[name] = Tally()
             for task in own:
-                tallies[name].add(task.result()[1])
+                tallies[name].add(task.result())
             print(row_of(name, tallies[name].summary()), flush=True)
             total.add(tallies[name])
     rooms_wrong = sum(tally.wrong > 0 for tally in tallies.values())
