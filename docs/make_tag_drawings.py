@@ -20,11 +20,11 @@ def wire(*points, color=draw.INK):
     return draw.line(*points, color=color, width=1.6)
 
 
-def part(x, y, width, height, name, value, size=13):
+def part(x, y, width, height, name, value):
     """A box with a name and a value inside."""
     yield draw.box(x, y, width, height, rx=3)
     middle = x + width / 2
-    yield draw.label(middle, y + height / 2 - 2, name, size=size, font_weight="bold")
+    yield draw.label(middle, y + height / 2 - 2, name, size=13, font_weight="bold")
     yield draw.label(middle, y + height / 2 + 15, value, draw.FAINT, 12)
 
 

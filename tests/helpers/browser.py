@@ -60,9 +60,9 @@ class Browser:
         """Text of the first element that a CSS selector finds."""
         return self.run("return document.querySelector(arguments[0])?.textContent", selector)
 
-    def wait(self, script, limit_s=60.0):
+    def wait(self, script):
         """Wait until a script returns something true; returns it."""
-        return wait_until(lambda: self.run(script), limit_s, 0.03)
+        return wait_until(lambda: self.run(script), 60, 0.03)
 
     def errors(self):
         """Lines of the console that are warnings or errors."""
@@ -94,7 +94,7 @@ class Browser:
 
 
 @contextmanager
-def browser(size="desktop"):
+def browser():
     """A new Chromium without a past."""
     options = Options()
     with tempfile.TemporaryDirectory(prefix="browser-", ignore_cleanup_errors=True) as folder:
@@ -104,7 +104,7 @@ def browser(size="desktop"):
         driver = webdriver.Chrome(service=Service(_driver()), options=options)
         try:
             window = Browser(driver)
-            window.resize(size)
+            window.resize("desktop")
             yield window
         finally:
             driver.quit()

@@ -66,14 +66,14 @@ def untouched_deg(frequency_hz):
     return -2 * 360 * frequency_hz / 299_792_458 / 1000 * LENGTH_MM
 
 
-def vna_rows(law, frequency_hz, forces, noise_deg, rng, locations=CALIBRATED_MM):
+def vna_rows(law, frequency_hz, forces, noise_deg, rng):
     """Rows of a VNA calibration as text: header first, untouched rows, then every press."""
     rows = ["freq_mhz,location_mm,port,force_n,phase_deg"]
     mhz = frequency_hz / 1e6
     for port in (1, 2):
         phase = untouched_deg(frequency_hz) + noise_deg * rng.standard_normal()
         rows.append(f"{mhz:.3f},,{port},0,{wrap(phase):.4f}")
-    for location in locations:
+    for location in CALIBRATED_MM:
         phases = law.phases_deg(forces, location, frequency_hz)
         phases = phases + noise_deg * rng.standard_normal(phases.shape)
         for port in (1, 2):

@@ -252,13 +252,13 @@ class Reached:
         return self._called
 
 
-def peak_memory(process="self"):
-    """Most resident memory a process has held, in bytes.
+def peak_memory():
+    """Most resident memory that this process has held, in bytes.
 
     getrusage would count that of the process which started this one as well: what a process held
     before it became another program is counted to it.
     """
-    status = Path(f"/proc/{process}/status").read_text()
+    status = Path("/proc/self/status").read_text()
     return 1024 * int(next(line for line in status.splitlines() if "VmHWM" in line).split()[1])
 
 

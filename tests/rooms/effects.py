@@ -262,6 +262,6 @@ class OtherTag(UntouchedTag):
         self.arrive(air, rng.uniform(-15e-9, 40e-9) if self.later_s is None else self.later_s)
 
 
-def near_tag(apart_ppm, level_db=-10.0, clock_hz=1000.0, own_ppm=25.0, later_s=None):
+def near_tag(apart_ppm, level_db=-10.0, later_s=None):
     """A tag of the same kind as ours, a few ppm beside it."""
-    return OtherTag(clock_hz, level_db, own_ppm + apart_ppm, later_s)
+    return OtherTag(1000.0, level_db, 25.0 + apart_ppm, later_s)

@@ -89,13 +89,13 @@ def after(readings, time_s, sensor=None):
     return [r for r in readings if r["time_s"] > time_s and sensor in (None, r["sensor"])]
 
 
-def settled(collector, flowgraph, tag, sensor=None, count=8):
-    """The first readings that are determined by the latest settings only."""
+def settled(collector, flowgraph, tag, sensor=None):
+    """The first eight readings that are determined by the latest settings only."""
     # Samples that the tag has not written yet follow the new settings.
     since = tag.nitems_written(0) / flowgraph.samp_rate
     margin = 2 * flowgraph.scene.group_period_s + 32768 / flowgraph.samp_rate
-    collector.wait_for(lambda readings: len(after(readings, since + margin, sensor)) >= count)
-    return after(collector.readings, since + margin, sensor)[:count]
+    collector.wait_for(lambda readings: len(after(readings, since + margin, sensor)) >= 8)
+    return after(collector.readings, since + margin, sensor)[:8]
 
 
 def assert_follows(readings, force_n, location_mm):
