@@ -19,9 +19,9 @@ class HandHeldSensor:
 
     groups = GROUPS
 
-    def __init__(self, noise_deg=0.1):
-        self.model = load_sensor("line-900mhz")
-        self._rng, self._noise_deg = np.random.default_rng(1), noise_deg
+    def __init__(self, model="line-900mhz", noise_deg=0.1, seed=1):
+        self.model = load_sensor(model) if isinstance(model, str) else model
+        self._rng, self._noise_deg = np.random.default_rng(seed), noise_deg
         self.force_n, self.location_mm = 0.0, 40.0
         self.slips_mm, self.flags = 0.0, ()
 

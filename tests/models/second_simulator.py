@@ -70,9 +70,9 @@ def frame():
     return np.concatenate([symbol] * 5 + [np.zeros(400)])
 
 
-def delayed(samples, delay_s, rate_hz=RATE):
+def delayed(samples, delay_s):
     """A periodic signal, later by any delay."""
-    f = np.fft.fftfreq(len(samples), 1 / rate_hz)
+    f = np.fft.fftfreq(len(samples), 1 / RATE)
     return np.fft.ifft(np.fft.fft(samples) * np.exp(-2j * np.pi * f * delay_s))
 
 

@@ -13,7 +13,6 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from gnuradio.wiforce.calibration.calibrate import calibrate
 from gnuradio.wiforce.calibration.tables import read_vna_csv
 from sensor_laws import LAWS, PRESSED_MM, OwnLaw, read_law, vna_rows
@@ -27,8 +26,8 @@ def main(calibrations=12):
     print(f"{'law, carrier':34}{'median':>14}{heads}{'in 2 sigma F, l':>32}")
     for law in laws:
         for frequency in FREQUENCIES_HZ:
-            read = {seed: _one(law, frequency, seed) for seed in range(calibrations)}
-            _print(law, frequency, pd.concat(read, names=["calibration"]))
+            results = [_one(law, frequency, seed) for seed in range(calibrations)]
+            _print(law, frequency, results)
 
 
 def _one(law, frequency, seed):
@@ -41,15 +40,23 @@ def _one(law, frequency, seed):
     return read_law(model, law, frequency, 300, 0.1, rng)
 
 
-def _print(law, frequency, read):
-    places = [read, *(read[read["at_mm"] == location] for location in PRESSED_MM)]
-    cells = [f"{p['force_n'].median():.3f} / {p['location_mm'].median():.3f}" for p in places]
+def _print(law, frequency, results):
+    def pair(pick):
+        force = np.median(np.concatenate([pick(r.force_error) for r in results]))
+        place = np.median(np.concatenate([pick(r.location_error) for r in results]))
+        return f"{force:.3f} / {place:.3f}"
+
+    cells = [pair(lambda errors: np.concatenate(list(errors.values())))]
+    cells += [pair(lambda errors, at=at: errors[at]) for at in PRESSED_MM]
     label = f"{law.reach}, {law.fade} over {law.fade_mm:g} mm, {frequency / 1e6:g} MHz"
-    # Mean over the calibrations and its standard error: one calibration's readings err alike.
-    inside = 100 * read.groupby("calibration")[["force_inside", "location_inside"]].mean()
-    error = inside.std(ddof=0) / np.sqrt(len(inside))
-    cover = ", ".join(f"{inside[name].mean():.1f} +- {error[name]:.1f} %" for name in inside)
+    cover = ", ".join(_coverage(results, what) for what in ("force", "location"))
     print(f"{label:34}" + "".join(f"{cell:>14}" for cell in cells) + f"{cover:>32}")
+
+
+def _coverage(results, what):
+    """Mean over the calibrations and its standard error: one calibration's readings err alike."""
+    parts = [100 * result.coverage(what) for result in results]
+    return f"{np.mean(parts):.1f} +- {np.std(parts) / np.sqrt(len(parts)):.1f} %"
 
 
 if __name__ == "__main__":

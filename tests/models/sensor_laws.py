@@ -9,7 +9,6 @@ fifth on the far side.
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
 LENGTH_MM = 80.0
 ONSET_N = 0.9
@@ -66,14 +65,14 @@ def untouched_deg(frequency_hz):
     return -2 * 360 * frequency_hz / 299_792_458 / 1000 * LENGTH_MM
 
 
-def vna_rows(law, frequency_hz, forces, noise_deg, rng):
+def vna_rows(law, frequency_hz, forces, noise_deg, rng, locations=CALIBRATED_MM):
     """Rows of a VNA calibration as text: header first, untouched rows, then every press."""
     rows = ["freq_mhz,location_mm,port,force_n,phase_deg"]
     mhz = frequency_hz / 1e6
     for port in (1, 2):
         phase = untouched_deg(frequency_hz) + noise_deg * rng.standard_normal()
         rows.append(f"{mhz:.3f},,{port},0,{wrap(phase):.4f}")
-    for location in CALIBRATED_MM:
+    for location in locations:
         phases = law.phases_deg(forces, location, frequency_hz)
         phases = phases + noise_deg * rng.standard_normal(phases.shape)
         for port in (1, 2):
@@ -86,25 +85,34 @@ def wrap(angle):
     return (np.asarray(angle) + 180.0) % 360.0 - 180.0
 
 
-def read_law(model, law, frequency_hz, count, phase_noise_deg, rng):
-    """Presses of 2 to 8 N at locations that were not calibrated, read by ``model``; a row each.
+@dataclass(frozen=True)
+class LawResult:
+    """Errors of readings of one law at one carrier, by location."""
 
-    ``force_n`` and ``location_mm`` are absolute errors at ``at_mm``, ``..._inside`` says whether
-    they are within two standard deviations.
-    """
-    tables = []
-    for location in PRESSED_MM:
+    force_error: dict
+    location_error: dict
+    force_std: dict
+    location_std: dict
+
+    def pooled(self, name):
+        return np.concatenate(list(getattr(self, name).values()))
+
+    def coverage(self, what):
+        """Part of the truth within two standard deviations; ``force`` or ``location``."""
+        error, std = self.pooled(f"{what}_error"), self.pooled(f"{what}_std")
+        return float(np.mean(error <= 2 * std))
+
+
+def read_law(model, law, frequency_hz, count, phase_noise_deg, rng, locations=PRESSED_MM):
+    """Presses of 2 to 8 N at locations that were not calibrated, read by ``model``."""
+    result = LawResult({}, {}, {}, {})
+    for location in locations:
         forces = rng.uniform(2, 8, count)
         phases = law.phases_deg(forces, location, frequency_hz)
         phases = wrap(phases + phase_noise_deg * rng.standard_normal(phases.shape))
         found = model.invert(phases, phase_noise_deg, frequency_hz=frequency_hz)
-        errors = {
-            "force_n": np.abs(found.force_n - forces),
-            "location_mm": np.abs(found.location_mm - location),
-        }
-        inside = {
-            "force_inside": errors["force_n"] <= 2 * found.force_std_n,
-            "location_inside": errors["location_mm"] <= 2 * found.location_std_mm,
-        }
-        tables.append(pd.DataFrame({"at_mm": location, **errors, **inside}))
-    return pd.concat(tables)
+        result.force_error[location] = np.abs(found.force_n - forces)
+        result.location_error[location] = np.abs(found.location_mm - location)
+        result.force_std[location] = found.force_std_n
+        result.location_std[location] = found.location_std_mm
+    return result
