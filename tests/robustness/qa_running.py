@@ -13,9 +13,9 @@ import time
 import numpy as np
 import pytest
 from machine import rows_in, wait_until
+from press_capture import GROUP
 
 READ = ("--scene", "scene.yaml")
-GROUP = 250 * 360
 KILLS, LONG_KILLS = 3, 100
 
 
