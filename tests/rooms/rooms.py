@@ -209,20 +209,21 @@ class Capture:
         self.frames = math.floor(room.duration_s * RATE / FRAME) // GROUP * GROUP
         self.effects = copy.deepcopy(room.effects)
         generators = [np.random.default_rng([seed, 10 + i]) for i in range(len(self.effects))]
+        effects = list(zip(self.effects, generators, strict=True))
         self.noise_rng, rng = np.random.default_rng([seed, 2]), np.random.default_rng([seed, 3])
         averaging = np.sinc(room.clock_hz * 256 / RATE)
         line = 0.25 * np.sinc(0.25) * averaging
         noise = line / 10 ** (room.snr_db / 20) * np.sqrt(4 * 64 / 62)
         sent = simple.frame()
-        for effect, own in zip(self.effects, generators, strict=True):
+        for effect, own in effects:
             sent = effect.transmit(sent, own)
         self.air = e.Air(line, noise, sent, self.frames)
         self.still = self.static(rng, room.static_db)
         self.tag = self.air.tag = e.SwitchedTag(tag or room.tag, rng)
-        for effect, own in zip(self.effects, generators, strict=True):
+        for effect, own in effects:
             effect.alter_tag(self.tag, own)
         self.tag.begin(self.air, rng)
-        for effect, own in zip(self.effects, generators, strict=True):
+        for effect, own in effects:
             effect.begin(self.air, own)
         self.peak = np.max(np.abs(self.still) + np.abs(self.tag.late))
         self.peak += 3.5 * noise + sum(effect.peak for effect in self.effects)
