@@ -88,6 +88,7 @@ class Air:
         frame[: self.sent * len(self.symbol)] = self.preamble
 
         def late(samples):
+            """The frame, so many samples later, which `delayed` takes at a rate of its own."""
             return delayed(frame, samples / RATE)
 
         still = sum(

@@ -45,9 +45,8 @@ class Stream:
     ``codes`` (n, 2); ``times``: items and what ``rx_time`` says of them, in s, by a clock that is
     never set; ``losses``: items and the samples lost before them, as a time tag states; ``set``:
     when the clock was set, in s by itself, and by how much; ``shift_s``: by how much the reader's
-    time may be off from the truth's; ``spoilt``: stretches of time, in s, whose readings must carry
-    a flag; ``said``: what was done to it; ``earliest``: no fault before this sample; ``silent``:
-    samples of other settings, which no group holds.
+    time may be off from the truth's; ``earliest``: no fault before this sample; ``silent``: samples
+    of other settings, which no group holds.
     """
 
     codes: np.ndarray
@@ -57,8 +56,6 @@ class Stream:
     losses: list = field(default_factory=list)
     set: list = field(default_factory=list)
     shift_s: float = 0.0
-    spoilt: list = field(default_factory=list)
-    said: list = field(default_factory=list)
     silent: int = 0
 
     def tag(self, item, key, value):
@@ -289,7 +286,6 @@ def faulty(codes, rng, faults, earliest=0):
     stream = Stream(codes.copy(), earliest)
     for fault in faults:
         fault(stream, rng)
-        stream.said.append(fault.__name__)
     stream.tag_time(0, 7.25)
     if stream.set:
         # The loss that the first time of a new clock tells is known but for whole frames.

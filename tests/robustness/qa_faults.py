@@ -51,7 +51,7 @@ def check(codes, seed, chosen, earliest=0):
     """Reads the stream after these faults; returns readings and what is wrong with them."""
     stream = faults.faulty(codes, np.random.default_rng(seed), chosen, earliest)
     readings, reader = faults.read(stream)
-    case = f"seed {seed}: {', '.join(stream.said)}"
+    case = f"seed {seed}: {', '.join(fault.__name__ for fault in chosen)}"
     assert reader.failure is None, case
     # Every sample that was received, or is known to be lost, lies in a group that is counted,
     # but for the last, and for silent ones just before it.
