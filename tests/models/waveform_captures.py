@@ -11,16 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from second_simulator import (
-    CARRIER_HZ,
-    RATE,
-    Tag,
-    delayed,
-    phases,
-    pressed,
-    switched,
-    write_capture,
-)
+from second_simulator import CARRIER_HZ, Tag, phases, pressed, switched, write_capture
 
 
 def chirp(count):
@@ -86,18 +77,18 @@ class Air:
         """All samples, a group at a time; the peak 3 dB below full scale."""
         frame = np.zeros(self.frame, complex)
         frame[: self.sent * len(self.symbol)] = self.preamble
+        f = np.fft.fftfreq(self.frame, 1 / self.rate_hz)
 
-        def late(samples):
-            """The frame, so many samples later, which `delayed` takes at a rate of its own."""
-            return delayed(frame, samples / RATE)
+        def late(delay_s):
+            return np.fft.ifft(np.fft.fft(frame) * np.exp(-2j * np.pi * f * delay_s))
 
         still = sum(
-            level * np.exp(2j * np.pi * rng.random()) * late(delay)
+            level * np.exp(2j * np.pi * rng.random()) * late(delay / self.rate_hz)
             for delay, level in zip(rng.uniform(0.5, 4, 4), (1, 0.3, 0.2, 0.1), strict=True)
         )
         still /= np.sqrt(np.mean(np.abs(still[: self.sent * len(self.symbol)]) ** 2))
         still *= self.line * 10 ** (self.static_db / 20)
-        own, phase = late(2.0), rng.random()
+        own, phase = late(2.0 / self.rate_hz), rng.random()
         scale = 10**-0.15 / ((np.abs(still) + np.abs(own)).max() + 3.5 * self.noise)
         for first in range(0, int(self.duration_s * self.rate_hz / self.frame), self.group):
             start = (first + np.arange(self.group)) * self.frame / self.rate_hz
