@@ -88,11 +88,11 @@ def signal_path():
     return svg(width, 282, parts)
 
 
-def drawings():
-    """{file name: SVG} of both pictures."""
-    return {"chapters.svg": chapters(), "signal_path.svg": signal_path()}
+def files():
+    """{path: SVG} of both pictures."""
+    return {IMAGES / "chapters.svg": chapters(), IMAGES / "signal_path.svg": signal_path()}
 
 
 if __name__ == "__main__":
-    for name, text in drawings().items():
-        (IMAGES / name).write_text(text, encoding="utf-8")
+    for path, text in files().items():
+        path.write_text(text, encoding="utf-8")

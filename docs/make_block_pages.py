@@ -147,21 +147,13 @@ def index(all_descriptions):
     return "\n".join(lines) + "\n"
 
 
-def pages():
-    """{file name: Markdown} of everything in docs/blocks."""
+def files():
+    """{path: Markdown} of everything in docs/blocks."""
     found = descriptions()
-    written = {f"{name_of(d)}.md": page(d) for d in found}
-    return written | {"README.md": index(found)}
-
-
-def main():
-    written = pages()
-    PAGES.mkdir(exist_ok=True)
-    for old in PAGES.glob("*.md"):
-        old.unlink()
-    for name, text in written.items():
-        (PAGES / name).write_text(text, encoding="utf-8")
+    written = {PAGES / f"{name_of(d)}.md": page(d) for d in found}
+    return written | {PAGES / "README.md": index(found)}
 
 
 if __name__ == "__main__":
-    main()
+    for path, text in files().items():
+        path.write_text(text, encoding="utf-8")

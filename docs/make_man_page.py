@@ -101,5 +101,11 @@ def page():
     return "\n".join(lines) + _EPILOGUE
 
 
+def files():
+    """{path: roff} of the page."""
+    return {PAGE: page()}
+
+
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+    for path, text in files().items():
+        path.write_text(text, encoding="utf-8")

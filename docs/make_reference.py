@@ -170,18 +170,12 @@ def _helps(name, each, parent=None):
             yield from _helps(sub, each.get_command(context, sub), context)
 
 
-def pages():
-    """{file name: Markdown} of everything in docs/reference."""
-    return {"scenes.md": scenes(), "sensor-files.md": sensor_files(), "commands.md": commands()}
-
-
-def main():
-    PAGES.mkdir(exist_ok=True)
-    for old in PAGES.glob("*.md"):
-        old.unlink()
-    for name, text in pages().items():
-        (PAGES / name).write_text(text, encoding="utf-8")
+def files():
+    """{path: Markdown} of everything in docs/reference."""
+    made = {"scenes": scenes(), "sensor-files": sensor_files(), "commands": commands()}
+    return {PAGES / f"{name}.md": text for name, text in made.items()}
 
 
 if __name__ == "__main__":
-    main()
+    for path, text in files().items():
+        path.write_text(text, encoding="utf-8")

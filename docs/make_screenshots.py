@@ -212,9 +212,9 @@ def take_companion(environment, home):
         companion.wait()
 
 
-def grab_when_drawn(environment, path, timeout_s=180):
+def grab_when_drawn(environment, path):
     """An empty screen has one colour, a drawn flowgraph some dozens."""
-    end = time.monotonic() + timeout_s
+    end = time.monotonic() + 180
     while time.monotonic() < end:
         time.sleep(3)
         done = subprocess.run(

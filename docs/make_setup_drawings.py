@@ -160,14 +160,14 @@ def svg(width, height, parts):
     return "\n".join([start, marker, paper, *parts, "</svg>"]) + "\n"
 
 
-def drawings():
-    """{file name: SVG} of both drawings."""
+def files():
+    """{path: SVG} of both drawings."""
     return {
-        "setup.svg": svg(960, 330, [*reader(), *air(), *tag(), *sensor()]),
-        "first-capture.svg": svg(850, 350, first_capture()),
+        IMAGES / "setup.svg": svg(960, 330, [*reader(), *air(), *tag(), *sensor()]),
+        IMAGES / "first-capture.svg": svg(850, 350, first_capture()),
     }
 
 
 if __name__ == "__main__":
-    for name, text in drawings().items():
-        (IMAGES / name).write_text(text, encoding="utf-8")
+    for path, text in files().items():
+        path.write_text(text, encoding="utf-8")

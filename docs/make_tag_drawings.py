@@ -20,11 +20,11 @@ def wire(*points, color=draw.INK):
     return draw.line(*points, color=color, width=1.6)
 
 
-def part(x, y, width, height, name, value, size=13):
+def part(x, y, width, height, name, value):
     """A box with a name and a value inside."""
     yield draw.box(x, y, width, height, rx=3)
     middle = x + width / 2
-    yield draw.label(middle, y + height / 2 - 2, name, size=size, font_weight="bold")
+    yield draw.label(middle, y + height / 2 - 2, name, size=13, font_weight="bold")
     yield draw.label(middle, y + height / 2 + 15, value, draw.FAINT, 12)
 
 
@@ -271,14 +271,14 @@ def board(x, y):
     yield named(x, y + height + 3.8, note, color=draw.FAINT, anchor="start")
 
 
-def drawings():
-    """{file name: SVG} of both drawings."""
+def files():
+    """{path: SVG} of both drawings."""
     return {
-        "tag_schematic.svg": draw.svg(960, 620, schematic()),
-        "tag_layout.svg": draw.svg(880, 480, layout()),
+        draw.IMAGES / "tag_schematic.svg": draw.svg(960, 620, schematic()),
+        draw.IMAGES / "tag_layout.svg": draw.svg(880, 480, layout()),
     }
 
 
 if __name__ == "__main__":
-    for name, text in drawings().items():
-        (draw.IMAGES / name).write_text(text, encoding="utf-8")
+    for path, text in files().items():
+        path.write_text(text, encoding="utf-8")

@@ -29,10 +29,14 @@ SHIPPED = (
     ("zadoff-chu", 1023),
 )
 # At their points, those that lie together once.
-LABELS = {(name, length): f"{name} {length}" for name, length in SHIPPED}
-LABELS |= {("chirp", 64): "chirp 64, 128, 1024", ("fmcw", 128): "fmcw 128, 1024"}
-for each in (("chirp", 128), ("chirp", 1024), ("fmcw", 1024)):
-    del LABELS[each]
+LABELS = {
+    ("repeated", 64): "repeated 64",
+    ("wifi", 64): "wifi 64",
+    ("chirp", 64): "chirp 64, 128, 1024",
+    ("fmcw", 128): "fmcw 128, 1024",
+    ("zadoff-chu", 63): "zadoff-chu 63",
+    ("zadoff-chu", 1023): "zadoff-chu 1023",
+}
 TICKS_DEG = (0.06, 0.07, 0.08, 0.09, 0.1, 0.11, 0.12, 0.13)
 CLOCKS_HZ = (100.0, 400.0, 1000.0)
 
@@ -95,45 +99,41 @@ def _finish(axis):
         axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, fontsize=8)
 
 
+def _draw_curves(axis, curves, points):
+    """Noise over what ``points`` says, for clocks and lengths of symbols; 64 samples are solid."""
+    for clock_hz, length in curves:
+        axis.loglog(
+            *points(clock_hz, length),
+            "-" if length == 64 else "--",
+            color=SERIES[CLOCKS_HZ.index(clock_hz)],
+            label=f"{length} samples, {clock_hz:g} Hz",
+        )
+    _finish(axis)
+
+
 def _draw_bandwidth(axis, density):
     rates_hz = np.geomspace(0.5e6, 50e6, 41)
-    for clock_hz in CLOCKS_HZ:
-        for length, style in ((64, "-"), (1024, "--")):
-            std = [
-                std_deg(waveform_of("chirp", length, rate), clock_hz, density) for rate in rates_hz
-            ]
-            axis.loglog(
-                rates_hz / 1e6,
-                std,
-                style,
-                color=SERIES[CLOCKS_HZ.index(clock_hz)],
-                label=f"{length} samples, {clock_hz:g} Hz",
-            )
+
+    def points(clock_hz, length):
+        waveforms = (waveform_of("chirp", length, rate) for rate in rates_hz)
+        return rates_hz / 1e6, [std_deg(each, clock_hz, density) for each in waveforms]
+
     axis.set_xlabel("bandwidth (MHz)")
     axis.set_title("same mean power, 5 symbols, no guard")
-    _finish(axis)
+    _draw_curves(axis, [(clock, n) for clock in CLOCKS_HZ for n in (64, 1024)], points)
 
 
 def _draw_frame_rate(axis, density):
-    for length, style in ((64, "-"), (256, "--")):
-        for clock_hz in CLOCKS_HZ:
-            points = []
-            for repetitions in np.unique(np.geomspace(2, 400, 60).astype(int)):
-                waveform = waveform_of("chirp", length, repetitions=int(repetitions))
-                points.append(
-                    (1 / waveform.snapshot_period_s, std_deg(waveform, clock_hz, density))
-                )
-            rate, std = np.array(points).T
-            axis.loglog(
-                rate,
-                std,
-                style,
-                color=SERIES[CLOCKS_HZ.index(clock_hz)],
-                label=f"{length} samples, {clock_hz:g} Hz",
-            )
+    counts = np.unique(np.geomspace(2, 400, 60).astype(int))
+
+    def points(clock_hz, length):
+        waveforms = [waveform_of("chirp", length, repetitions=int(count)) for count in counts]
+        rates = [1 / each.snapshot_period_s for each in waveforms]
+        return rates, [std_deg(each, clock_hz, density) for each in waveforms]
+
     axis.set_xlabel("frame rate (1/s)")
     axis.set_title("12.5 MHz, same mean power, no guard")
-    _finish(axis)
+    _draw_curves(axis, [(clock, n) for n in (64, 256) for clock in CLOCKS_HZ], points)
 
 
 def peak_to_average_db(symbol):

@@ -27,23 +27,9 @@ NEEDED = {
 
 @pytest.fixture(scope="module")
 def platform():
-    from gnuradio.grc.core.platform import Platform
+    from grc_compile import platform_for
 
-    platform = Platform(
-        version=gr.version(),
-        version_parts=(gr.major_version(), gr.api_version(), gr.minor_version()),
-        prefs=gr.prefs(),
-    )
-    # Only those of GNU Radio's descriptions that every flowgraph needs; all of them take 15 s.
-    needed = ("options.block.yml", "stream.domain.yml", "message.domain.yml")
-    own = [
-        str(Path(folder) / name)
-        for folder in platform.config.block_paths
-        for name in needed
-        if (Path(folder) / name).is_file()
-    ]
-    platform.build_library([*own, str(FOLDER)])
-    return platform
+    return platform_for()
 
 
 @pytest.fixture(scope="module")

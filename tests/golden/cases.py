@@ -101,15 +101,13 @@ def fault_readings(name, folder):
     if not press.with_suffix(".sigmf-data").exists():
         simulate(load_scene(faults.SCENE), press)
     codes = np.fromfile(press.with_suffix(".sigmf-data"), "<i2").reshape(-1, 2)
-    by_name = {fault.__name__: fault for fault in faults.FAULTS}
-    if name in by_name:
-        stream = faults.faulty(codes, np.random.default_rng(1), [by_name[name]], faults.STARTED)
+    if name.startswith("sequence"):
+        seed, earliest = int(name.removeprefix("sequence")), 0
+        chosen = faults.random_faults(seed, faults.FAULTS)
     else:
-        seed = int(name.removeprefix("sequence"))
-        rng = np.random.default_rng([seed, 99])
-        chosen = rng.integers(len(faults.FAULTS), size=rng.integers(1, 5))
-        chosen = [faults.FAULTS[i] for i in chosen]
-        stream = faults.faulty(codes, np.random.default_rng(seed), chosen)
+        seed, earliest = 1, faults.STARTED
+        chosen = [fault for fault in faults.FAULTS if fault.__name__ == name]
+    stream = faults.faulty(codes, np.random.default_rng(seed), chosen, earliest)
     return faults.read(stream)[0]
 
 

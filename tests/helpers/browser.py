@@ -8,6 +8,7 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+from machine import wait_until
 from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
@@ -59,13 +60,9 @@ class Browser:
         """Text of the first element that a CSS selector finds."""
         return self.run("return document.querySelector(arguments[0])?.textContent", selector)
 
-    def wait(self, script, limit_s=60.0):
+    def wait(self, script):
         """Wait until a script returns something true; returns it."""
-        end = time.monotonic() + limit_s
-        while not (result := self.run(script)):
-            assert time.monotonic() < end, f"not in time: {script}"
-            time.sleep(0.03)
-        return result
+        return wait_until(lambda: self.run(script), 60, 0.03)
 
     def errors(self):
         """Lines of the console that are warnings or errors."""
@@ -84,9 +81,7 @@ class Browser:
 
     def foreign_requests(self):
         """Those that leave this machine."""
-        return [
-            url for url in self.requests() if not (_LOCAL.match(url) or _OWN.match(url))
-        ]  # fmt: skip
+        return [url for url in self.requests() if not (_LOCAL.match(url) or _OWN.match(url))]
 
     def picture(self, path):
         """Save the page in its whole height, at its present width."""
@@ -99,7 +94,7 @@ class Browser:
 
 
 @contextmanager
-def browser(size="desktop"):
+def browser():
     """A new Chromium without a past."""
     options = Options()
     with tempfile.TemporaryDirectory(prefix="browser-", ignore_cleanup_errors=True) as folder:
@@ -109,7 +104,7 @@ def browser(size="desktop"):
         driver = webdriver.Chrome(service=Service(_driver()), options=options)
         try:
             window = Browser(driver)
-            window.resize(size)
+            window.resize("desktop")
             yield window
         finally:
             driver.quit()

@@ -32,16 +32,22 @@ def descriptions(folders, flowgraphs):
                     yield path
 
 
-def main(folder, paths):
-    paths = [Path(path).resolve() for path in paths]
+def platform_for(flowgraphs=()):
+    """Companion's platform with our blocks, and of all others those in these flowgraphs."""
     platform = Platform(
         version=gr.version(),
         version_parts=(gr.major_version(), gr.api_version(), gr.minor_version()),
         prefs=gr.prefs(),
     )
-    platform.config.hier_block_lib_dir = folder
-    files = descriptions(platform.config.block_paths, paths)
+    files = descriptions(platform.config.block_paths, flowgraphs)
     platform.build_library([*map(str, files), str(OWN)])
+    return platform
+
+
+def main(folder, paths):
+    paths = [Path(path).resolve() for path in paths]
+    platform = platform_for(paths)
+    platform.config.hier_block_lib_dir = folder
     for path in paths:
         flowgraph, program = platform.load_and_generate_flow_graph(str(path), folder)
         if program is None:

@@ -21,11 +21,11 @@ RUN = "20260101T000000Z-abcdef"
 
 
 @contextmanager
-def serving(source, token=None, host="127.0.0.1", **options):
+def serving(source, token=None, **options):
     """A page in a thread: its address and its server."""
     from wiforce_app.web.server import PageServer  # Bokeh takes 1.5 s
 
-    address = PageAddress(host, free_port(), token)
+    address = PageAddress("127.0.0.1", free_port(), token)
     made, ready = [], threading.Event()
 
     async def serve():
@@ -72,11 +72,11 @@ class Publisher:
         for reading in readings:
             self._publisher.write(reading, {"run": run, "time_utc": None})
 
-    def publish_rows(self, rows, run=RUN):
+    def publish_rows(self, rows):
         """Publish rows of a frame of readings."""
         for row in rows:
             known = {key: None if value != value else value for key, value in row.items()}
-            self._publisher.send("reading", {**known, "run": run})
+            self._publisher.send("reading", {**known, "run": RUN})
 
     def heartbeat(self, state="reading", reason="", kind="heartbeat", run=RUN, **more):
         sensors = {
@@ -107,10 +107,10 @@ def publishing(**options):
         yield publisher
 
 
-def touched(time_s, force_n=3.0, location_mm=40.0, sensor="arm", flags=(), stds=(0.05, 0.2)):
+def touched(time_s, force_n=3.0, location_mm=40.0, flags=(), stds=(0.05, 0.2)):
     """A reading of a touched sensor."""
     values = (1, force_n, stds[0], location_mm, stds[1], -20.0, 30.0, 12.34)
-    return Reading(time_s, sensor, *values, flags, interference=0.25)
+    return Reading(time_s, "arm", *values, flags, interference=0.25)
 
 
 def untouched(time_s, sensor="arm"):

@@ -14,21 +14,23 @@ def values_of(subcarriers, antennas, size):
     return parts @ np.array([1, 1j])
 
 
+def packed(fields):
+    """Whole numbers in so many bits each, from the lowest one on, filled up to whole bytes."""
+    bits = [(number >> bit) & 1 for number, width in fields for bit in range(width)]
+    return np.packbits(bits, bitorder="little").tobytes()
+
+
 def intel_file(values, start_us=(1 << 32) - 30_000):
     """Linux 802.11n CSI Tool: 8-bit values, 3 bits before each subcarrier, a 1 MHz clock."""
     _, _, antennas = values.shape
     records = []
     for number, packet in enumerate(values):
-        bits = []
+        fields = []
         for row in packet:
-            bits += [0, 0, 0]
-            for value in row:
-                for part in (int(value.real), int(value.imag)):
-                    bits += [(part >> bit) & 1 for bit in range(8)]
-        bits += [0] * (-len(bits) % 8)
-        payload = np.packbits(bits, bitorder="little").tobytes()
+            fields.append((0, 3))
+            fields += [(int(part), 8) for value in row for part in (value.real, value.imag)]
         length = 60 * antennas + 12
-        payload = payload.ljust(length, b"\0")
+        payload = packed(fields).ljust(length, b"\0")
         clock = (start_us + 1000 * number) % (1 << 32)
         head = struct.pack("<IHHBBBBBbBBHH", clock, number, 0, antennas, 1, 40, 40, 40, -90, 30,
                            0b100100, length, 0x1103)  # fmt: skip
@@ -41,11 +43,7 @@ def atheros_file(values):
     _, tones, antennas = values.shape
     records = []
     for number, packet in enumerate(values):
-        bits = []
-        for value in packet.ravel():
-            for part in (int(value.imag), int(value.real)):
-                bits += [(part >> bit) & 1 for bit in range(10)]
-        csi = np.packbits(bits, bitorder="little").tobytes()
+        csi = packed((int(part), 10) for v in packet.ravel() for part in (v.imag, v.real))
         csi += b"\0" * (len(csi) % 2)
         head = struct.pack("<QHHBBBBBBBBBBBH", 5_000_000 + 1000 * number, len(csi), 2437, 0, 0, 0,
                            0, tones, antennas, 1, 40, 40, 40, 40, 0)  # fmt: skip
@@ -103,9 +101,9 @@ def crab_file(values, first=0, header="seq"):
     return "".join(lines)
 
 
-def picoscenes_file(seed=1):
+def picoscenes_file():
     """PicoScenes: records by their length and magic number, with noise in place of segments."""
-    rng, records = np.random.default_rng(seed), []
+    rng, records = np.random.default_rng(1), []
     for length in rng.integers(800, 1200, PACKETS):
         records.append(struct.pack("<II", length, 0x20150315) + rng.bytes(length - 4))
     return b"".join(records)

@@ -40,6 +40,9 @@ CARDS = {
 }
 
 
+WINDOW_S = 6.4e-6  # that the receiver takes of each packet
+
+
 def card_settings(card, line_db, static=0.225, **more):
     """Keywords of a capture by a card, with a tag's first line some dB below the direct path."""
     settings = CARDS[card] | {"lost": 0.0, "repeated": 0.0, "timing_s": 14e-9} | more
@@ -88,10 +91,8 @@ class PacketCapture:
     noise: float = 0.71  # -10 dB against that line
     gain_db: tuple = (-6.0, -3.0, 0.0, 3.0)
     timing_s: float = 30e-9
-    window_s: float = 6.4e-6
     jitter: float | None = None  # share of the interval; None for exponential gaps
     chain_gain_db: float = 0.0
-    common_phase: bool = True
     drift_deg: float = 0.0  # by which the last antenna's phase swings to and fro, in 17 s
     change_db: float = -np.inf  # of a path that is there from touched_s on, against the static ones
     lamp: float = 0.0  # amplitude of a path that a lamp modulates, on mains of 60.01 Hz
@@ -161,11 +162,10 @@ class PacketCapture:
             received[others] = self.static * self._paths(rng, 9, 40e-9, shape, first=1.2)
         received *= self._packet_factors(rng)
         if self.chain_gain_db:
-            steps = 10 ** (
-                self.chain_gain_db / 20 * rng.integers(-1, 2, (len(received), 1, shape[1]))
-            )
-            received *= steps
-        again = np.sort(np.r_[np.arange(len(received)), self._repeats(rng)])
+            steps = rng.integers(-1, 2, (len(received), 1, shape[1]))
+            received *= 10 ** (self.chain_gain_db / 20 * steps)
+        repeats = np.flatnonzero(rng.random(len(received)) < self.repeated)
+        again = np.sort(np.r_[np.arange(len(received)), repeats])
         self.time_s, self.channel = self.time_s[again], received[again].astype(np.complex64)
         if self.stamp_s:
             self.time_s = np.sort(self.time_s + self.stamp_s * rng.normal(size=len(self.time_s)))
@@ -211,9 +211,6 @@ class PacketCapture:
             walk[n] = kept[n] * walk[n - 1] + steps[n]
         return walk
 
-    def _repeats(self, rng):
-        return np.flatnonzero(rng.random(len(self.time_s)) < self.repeated)
-
     def _paths(self, rng, count, spread_s, shape, first):
         """Rays with delays of their own and phases of each antenna; rms 1."""
         total = np.zeros(shape, complex)
@@ -227,14 +224,14 @@ class PacketCapture:
     def _packet_factors(self, rng):
         count = len(self.time_s)
         gain = 10 ** (rng.choice(self.gain_db, count) / 20)
-        phase = 2 * np.pi * rng.random(count) if self.common_phase else np.zeros(count)
+        phase = 2 * np.pi * rng.random(count)
         delay = self.timing_s * rng.normal(size=count)
         turn = phase[:, None] - 2 * np.pi * delay[:, None] * self.subcarrier_hz
         return (gain[:, None] * np.exp(1j * turn))[:, :, None]
 
     def switches(self, time_s):
         """How long each switch of each tag is closed in the window of each packet; (tags, n, 2)."""
-        steps = (np.arange(33) - 16) / 33 * self.window_s
+        steps = (np.arange(33) - 16) / 33 * WINDOW_S
         found = []
         for tag in self.tags:
             rate = tag.clock_hz * (1 + 1e-6 * tag.offset_ppm)
@@ -261,14 +258,9 @@ class PacketCapture:
         left = []
         for way in self.ways:
             left.append(way - np.sum(along.conj() * way, axis=1, keepdims=True) * along)
-        count = int(self.duration_s / period_s)
-        unique = np.unique(self.time_s)
+        ends = np.repeat(np.array([way.ravel() for way in left]), 2, axis=0)
         found = []
-        for group in range(count):
-            inside = (unique - unique[0]) // period_s == group
-            waves = self.switches(unique[inside]).transpose(1, 0, 2).reshape(inside.sum(), -1)
-            waves = waves - waves.mean(axis=0)
-            ends = np.repeat(np.array([way.ravel() for way in left]), 2, axis=0)
+        for waves in self._waves(period_s):
             information = (ends.conj() @ ends.T).real * (waves.T @ waves) / self.noise**2
             variance = np.diag(np.linalg.inv(information)) / 2 * (1 + 1 / reference_groups)
             found.append(np.degrees(np.sqrt(variance)).reshape(-1, 2))
@@ -289,12 +281,9 @@ class PacketCapture:
         # Real and imaginary part of the reflection of each end of each tag.
         parts = np.array(parts).reshape(len(self.ways), 1, 2, -1).repeat(2, axis=1)
         parts = parts.reshape(4 * len(self.ways), -1)
-        unique = np.unique(self.time_s)
         found = []
-        for group in range(int(self.duration_s / period_s)):
-            inside = (unique - unique[0]) // period_s == group
-            waves = self.switches(unique[inside]).transpose(1, 0, 2).reshape(inside.sum(), -1)
-            waves = (waves - waves.mean(axis=0)).repeat(2, axis=1)
+        for waves in self._waves(period_s):
+            waves = waves.repeat(2, axis=1)
             covariance = np.linalg.inv((parts @ parts.T) * (waves.T @ waves) * 2 / self.noise**2)
             for end in range(2 * len(self.ways)):
                 tag, own = self.tags[end // 2], slice(2 * end, 2 * end + 2)
@@ -303,6 +292,14 @@ class PacketCapture:
                 variance = np.einsum("xa,xy,ya->a", turn, covariance[own, own], turn)
                 found.append(variance @ [1, 1 / reference_groups])
         return np.degrees(np.sqrt(found)).reshape(-1, len(self.ways), 2)
+
+    def _waves(self, period_s):
+        """The switches' waveforms without their means in each group, (packets, ends)."""
+        unique = np.unique(self.time_s)
+        for group in range(int(self.duration_s / period_s)):
+            inside = (unique - unique[0]) // period_s == group
+            waves = self.switches(unique[inside]).transpose(1, 0, 2).reshape(inside.sum(), -1)
+            yield waves - waves.mean(axis=0)
 
     @staticmethod
     def _real(values):

@@ -139,15 +139,15 @@ def write_capture(blocks, path, rate_hz=RATE):
     Path(f"{path}.sigmf-meta").write_text(json.dumps(meta))
 
 
-def write_vna(tag, path, rng, noise_deg=0.1):
-    """Phase against force at five locations and both ports, and the untouched phases."""
+def write_vna(tag, path, rng):
+    """Phase against force at five locations and both ports, and untouched; noise of 0.1 deg."""
     with open(path, "w", newline="") as stream:
         rows = csv.writer(stream)
         rows.writerow(["freq_mhz", "location_mm", "port", "force_n", "phase_deg"])
         for location in ("", *CALIBRATED_MM):
             forces = np.zeros(5) if location == "" else np.arange(1.0, 8.01, 0.25)
             psi = phases(tag, forces, np.full(len(forces), 40.0 if location == "" else location))
-            psi = (psi + noise_deg * rng.standard_normal(psi.shape) + 180) % 360 - 180
+            psi = (psi + 0.1 * rng.standard_normal(psi.shape) + 180) % 360 - 180
             for port in (1, 2):
                 for force, phase in zip(forces, psi[:, port - 1], strict=True):
                     rows.writerow([CARRIER_HZ / 1e6, location, port, force, round(phase, 4)])

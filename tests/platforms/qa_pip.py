@@ -16,22 +16,9 @@ import pytest
 import yaml
 from command_runs import succeeded
 from gnuradio import wiforce
+from press_capture import SCENE
 
 ROOT = Path(__file__).resolve().parents[2]
-SCENE = {
-    "radio": {"sample_rate_hz": 1.25e6},
-    "sounding": {"frame_length": 400},
-    "phase_group": {"snapshots": 125},
-    "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 300}],
-    "reference_s": 0.16,
-    "simulation": {
-        "duration_s": 1.2,
-        "snr_db": 20,
-        "presses": [
-            {"sensor": "arm", "start_s": 0.6, "hold_s": 0.4, "force_n": 4, "location_mm": 45}
-        ],
-    },
-}
 RUN = "import sys; from wiforce_app.main import run; sys.exit(run())"
 
 

@@ -74,3 +74,6 @@ def test_packages_depend_on_what_the_code_imports():
     depends = control.split("Package: gr-wiforce\n")[1].split("Suggests:")[0]
     for package in packages.values():
         assert f" {package},\n" in depends
+    recipe = (ROOT / "packaging/conda/meta.yaml").read_text(encoding="utf-8")
+    run = re.search(r"^  run:\n((?:    - .+\n)+)", recipe, re.MULTILINE)[1]
+    assert by_pip <= {name.removesuffix("-base") for name in re.findall(r"- (\S+)", run)}

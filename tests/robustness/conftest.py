@@ -3,25 +3,14 @@
 
 import subprocess
 
+import press_capture
 import pytest
 import yaml
 from command_runs import run_command
 
-SCENE = {
-    "radio": {"sample_rate_hz": 2.5e6},
-    "sounding": {"frame_length": 360},
-    "phase_group": {"snapshots": 250},
-    "sensors": [{"name": "arm", "model": "line-900mhz", "clock_hz": 670}],
-    "reference_s": 0.2,
-    "simulation": {
-        "duration_s": 1.08,
-        "seed": 4,
-        "static_clutter_db": 50,
-        "clock_offset_ppm": 20,
-        "presses": [
-            {"start_s": 0.4, "rise_s": 0.02, "hold_s": 0.4, "force_n": 4.0, "location_mm": 37.0}
-        ],
-    },
+# 30 groups.
+SCENE = press_capture.SCENE | {
+    "simulation": press_capture.SCENE["simulation"] | {"duration_s": 1.08}
 }
 
 
@@ -56,7 +45,7 @@ def sandbox(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def readings(sandbox):
-    """The lines of the capture's readings."""
+    """The capture's readings as CSV."""
     done = sandbox.run("read", "press", "--scene", "scene.yaml")
     assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines(keepends=True)
+    return done.stdout

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 import device_times
 import numpy as np
 import pmt
-from gnuradio import gr, wiforce
+from gnuradio import wiforce
+from press_capture import array_source, run_flowgraph
 
 RATE = 12.5e6
 FRAME = 720
@@ -44,9 +45,8 @@ class Stream:
     ``codes`` (n, 2); ``times``: items and what ``rx_time`` says of them, in s, by a clock that is
     never set; ``losses``: items and the samples lost before them, as a time tag states; ``set``:
     when the clock was set, in s by itself, and by how much; ``shift_s``: by how much the reader's
-    time may be off from the truth's; ``spoilt``: stretches of time, in s, whose readings must carry
-    a flag; ``said``: what was done to it; ``earliest``: no fault before this sample; ``silent``:
-    samples of other settings, which no group holds.
+    time may be off from the truth's; ``earliest``: no fault before this sample; ``silent``: samples
+    of other settings, which no group holds.
     """
 
     codes: np.ndarray
@@ -56,8 +56,6 @@ class Stream:
     losses: list = field(default_factory=list)
     set: list = field(default_factory=list)
     shift_s: float = 0.0
-    spoilt: list = field(default_factory=list)
-    said: list = field(default_factory=list)
     silent: int = 0
 
     def tag(self, item, key, value):
@@ -73,15 +71,11 @@ class Stream:
 
     def all_tags(self):
         """Tags in the order of their items, with times as the device's clock has them."""
-        times = [
-            (
-                item,
-                "rx_time",
-                device_times.value(s + sum(by for since, by in self.set if s >= since)),
-            )
-            for item, s in self.times
-        ]
-        return sorted(self.tags + times, key=lambda tag: tag[0])
+        tags = [device_times.tag_at(*tag) for tag in self.tags]
+        for item, s in self.times:
+            by_itself_s = s + sum(by for since, by in self.set if s >= since)
+            tags.append(device_times.rx_time(item, by_itself_s))
+        return sorted(tags, key=lambda tag: tag.offset)
 
     def cut(self, start, count):
         """Take samples out; tags behind them move up."""
@@ -280,12 +274,18 @@ FAULTS = (
 ALL_FAULTS = (*FAULTS, reopened)
 
 
+def random_faults(seed, among):
+    """One to four faults of these."""
+    rng = np.random.default_rng([seed, 99])
+    count = rng.integers(1, 5)
+    return [among[i] for i in rng.integers(len(among), size=count)]
+
+
 def faulty(codes, rng, faults, earliest=0):
     """The stream of ``codes`` after these faults, none before the sample ``earliest``."""
     stream = Stream(codes.copy(), earliest)
     for fault in faults:
         fault(stream, rng)
-        stream.said.append(fault.__name__)
     stream.tag_time(0, 7.25)
     if stream.set:
         # The loss that the first time of a new clock tells is known but for whole frames.
@@ -307,34 +307,11 @@ def _noise(stream, start, count, rng):
     stream.codes[start : start + count] = rng.normal(0, level, (count, 2)).clip(-32768, 32767)
 
 
-class stream_source(gr.sync_block):
-    """Emits a Stream."""
-
-    def __init__(self, stream):
-        gr.sync_block.__init__(self, "stream_source", in_sig=None, out_sig=[(np.int16, 2)])
-        self._codes, self._at = stream.codes, 0
-        self._tags = stream.all_tags()
-
-    def work(self, input_items, output_items):
-        count = min(len(output_items[0]), len(self._codes) - self._at)
-        if count == 0:
-            return -1
-        output_items[0][:count] = self._codes[self._at : self._at + count]
-        while self._tags and self._tags[0][0] < self._at + count:
-            item, key, value = self._tags.pop(0)
-            self.add_item_tag(0, max(item, self._at), pmt.intern(key), value)
-        self._at += count
-        return count
-
-
 def read(stream):
     """Readings of a Stream, and the reader that gave them."""
     readings = []
     reader = wiforce.reader(SCENE, input_type="sc16", on_reading=readings.append)
-    source = stream_source(stream)
-    flowgraph = gr.top_block()
-    flowgraph.connect(source, reader)
-    flowgraph.run()
+    run_flowgraph(array_source(stream.codes, stream.all_tags()), reader)
     return readings, reader
 
 

@@ -8,20 +8,21 @@ finds in the folder FINDS. With `--explore`, inputs that reach new code are brok
 pays for many of them: every line that runs is watched. Each kind has a process of its own, which
 does not remember other kinds.
 ``corpus/`` holds inputs that once broke a command, or that reach code which the original does not;
-their names begin with their kind.
+their names begin with their kind. ``originals/`` holds the sound inputs that no command writes;
+radio.txt names no radio, but a device without channels, which every SoapySDR has.
 """
 
 import contextlib
 import hashlib
 import io
 import os
+import shutil
 import signal
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import yaml
 from gnuradio.wiforce import sensor as sensors
 from gnuradio.wiforce.io import csi_tools
 from mutations import mutated, mutated_arrays, mutated_samples
@@ -31,80 +32,7 @@ LIMIT_S = 20
 # csiread never ends with some damaged files, which are waited for as long as an old machine starts.
 csi_tools._START_S = LIMIT_S / 2
 LIMIT_BYTES = 1 << 30
-CORPUS = Path(__file__).parent / "corpus"
-
-SCENE = {
-    "sensors": [{"name": "arm", "model": "line-900mhz", "off_reflection": [0.05, 0.0]}],
-    "radio": {"center_frequency_hz": 900e6, "sample_rate_hz": 12.5e6},
-    "sounding": {"waveform": "repeated", "frame_length": 720},
-    "phase_group": {"snapshots": 125},
-    "environment": {"moving_clutter_hz": 0, "reader_clock": "shared"},
-    "reference_s": 0.05,
-    "simulation": {
-        "duration_s": 0.08,
-        "seed": 4,
-        "snr_db": 25,
-        "static_clutter_db": 40,
-        "clock_offset_ppm": 20,
-        "presses": [
-            {
-                "sensor": "arm",
-                "start_s": 0.055,
-                "rise_s": 0.002,
-                "hold_s": 0.02,
-                "force_n": 4.0,
-                "end_force_n": 5.0,
-                "location_mm": 37.0,
-            }
-        ],
-    },
-}
-
-PACKETS = {
-    "packets": {"subcarriers": 8},
-    "radio": {"center_frequency_hz": 2.44e9},
-    "phase_group": {"snapshots": 64},
-    "reference_s": 0.2,
-    "sensors": [{"name": "arm", "model": "line-2440mhz", "clock_hz": 139}],
-    "simulation": {"duration_s": 0.5, "packets": {"lost": 0.1, "repeated": 0.02}},
-}
-
-
-SURFACE = {
-    **SCENE,
-    "sensors": [
-        {"name": "low", "model": "arm.yaml", "clock_hz": 1000},
-        {"name": "high", "model": "arm.yaml", "clock_hz": 1450},
-    ],
-    "surface": {
-        "name": "skin",
-        "presses": 2,
-        "strips": [
-            {"sensor": "low", "y_mm": 0.0},
-            {"sensor": "high", "y_mm": 12.0, "x_mm": 10.0, "direction": "-x"},
-        ],
-        "spreading_file": "skin.yaml",
-    },
-    "simulation": {
-        "duration_s": 0.08,
-        "plate": {"reach_mm": 10.0},
-        "surface_presses": [
-            {"start_s": 0.055, "hold_s": 0.02, "force_n": 5.0, "x_mm": 5.0, "y_mm": 4.0}
-        ],
-    },
-}
-SPREADING = {
-    "law": "strips",
-    "distance_mm": [-12.0, 0.0, 12.0],
-    "strip_shares": [[0.3, 0.7, 0.2], [0.2, 0.6, 0.3]],
-    "share_std": 0.02,
-    "location_offsets_mm": [0.1, -0.2],
-    "strip_y_mm": [0.0, 12.0],
-    "strip_sensors": ["low", "high"],
-}
-SYMBOL = {**SCENE, "sounding": {"waveform": "own.npy", "frame_length": 400}}
-# No radio: a device without channels, which every SoapySDR has.
-RADIO = "--args\ndriver=null,serial=7\n--rx-gain\n10\n--tx-gain\n5\n--bandwidth\n1000000\n"
+CORPUS, ORIGINALS = (Path(__file__).parent / name for name in ("corpus", "originals"))
 
 
 class Hang(BaseException):
@@ -169,9 +97,6 @@ class ToolKind(Kind):
         return "checked as samples" if ": samples, " in shown else None
 
 
-KINDS = ("scene", "sensor", "vna", "index", "touchstone", "phases", "metadata", "samples")
-KINDS += ("snapshots", "surface", "spreading", "taps", "symbol", "radio")
-KINDS += ("intel", "atheros", "nexmon", "esp32", "picoscenes")
 _READ = ("read", "-o", "out.csv", "--scene", "scene.yaml")
 _CALIBRATE = ("calibrate", "-o", "out.yaml", "--form", "cubic", "--length-mm", "10")
 _TOUCHSTONE = (*_CALIBRATE, "--frequency-hz", "900e6")
@@ -180,30 +105,31 @@ _CHECK = ("check", "--scene", "scene.yaml", "--driver", "soapy")
 _INVERT = ("invert", "-o", "out.jsonl", "--sensor")
 
 
+# By name: the class and its arguments.
+KINDS = {
+    "scene": (Kind, "x.yaml", "scene.yaml", "plan", "x.yaml"),
+    "sensor": (Kind, "y.yaml", "arm.yaml", *_INVERT, "y.yaml", "phases.csv"),
+    "vna": (Kind, "x.csv", "vna.csv", *_CALIBRATE, "x.csv"),
+    "index": (Kind, "i.csv", "index.csv", *_TOUCHSTONE, "i.csv"),
+    "touchstone": (Kind, "00.s2p", "first.s2p", *_TOUCHSTONE, "index.csv"),
+    "phases": (Kind, "p.csv", "phases.csv", *_INVERT, "wiforce-900mhz", "p.csv"),
+    "metadata": (Kind, "x.sigmf-meta", "capture.sigmf-meta", *_READ, "x"),
+    "samples": (Kind, "x.bin", "capture.sigmf-data", *_READ, "x.bin", "--datatype", "ci16_le"),
+    "snapshots": (Kind, "x.npz", "packets.npz", "read", "-o", "out.csv", "x.npz"),
+    "surface": (Kind, "w.yaml", "surface.yaml", "plan", "w.yaml"),
+    "spreading": (Kind, "skin.yaml", "law.yaml", "plan", "surface.yaml"),
+    "taps": (Kind, "t.csv", "taps.csv", *_SKIN, "t.csv"),
+    "symbol": (Kind, "own.npy", "chirp.npy", "plan", "symbol.yaml"),
+    "radio": (OptionsKind, "options.txt", "radio.txt", *_CHECK),
+}
+TOOLS = ("intel", "atheros", "nexmon", "esp32", "picoscenes")
+KINDS |= {tool: (ToolKind, "x.dat", f"{tool}.dat", "check", "x.dat") for tool in TOOLS}
+
+
 def kind_of(name):
     """A kind by its name; works in a folder that was prepared."""
-    return {
-        "scene": lambda: Kind("x.yaml", "scene.yaml", "plan", "x.yaml"),
-        "sensor": lambda: Kind("y.yaml", "arm.yaml", *_INVERT, "y.yaml", "phases.csv"),
-        "surface": lambda: Kind("w.yaml", "surface.yaml", "plan", "w.yaml"),
-        "spreading": lambda: Kind("skin.yaml", "law.yaml", "plan", "surface.yaml"),
-        "taps": lambda: Kind("t.csv", "taps.csv", *_SKIN, "t.csv"),
-        "vna": lambda: Kind("x.csv", "vna.csv", *_CALIBRATE, "x.csv"),
-        "index": lambda: Kind("i.csv", "index.csv", *_TOUCHSTONE, "i.csv"),
-        "touchstone": lambda: Kind("00.s2p", "first.s2p", *_TOUCHSTONE, "index.csv"),
-        "phases": lambda: Kind("p.csv", "phases.csv", *_INVERT, "wiforce-900mhz", "p.csv"),
-        "metadata": lambda: Kind("x.sigmf-meta", "capture.sigmf-meta", *_READ, "x"),
-        "samples": lambda: Kind(
-            "x.bin", "capture.sigmf-data", *_READ, "x.bin", "--datatype", "ci16_le"
-        ),
-        "symbol": lambda: Kind("own.npy", "chirp.npy", "plan", "symbol.yaml"),
-        "radio": lambda: OptionsKind("options.txt", "radio.txt", *_CHECK),
-        **{
-            tool: lambda tool=tool: ToolKind("x.dat", f"{tool}.dat", "check", "x.dat")
-            for tool in ("intel", "atheros", "nexmon", "esp32", "picoscenes")
-        },
-        "snapshots": lambda: Kind("x.npz", "packets.npz", "read", "-o", "out.csv", "x.npz"),
-    }[name]()
+    kind, *arguments = KINDS[name]
+    return kind(*arguments)
 
 
 def prepare(folder):
@@ -211,11 +137,10 @@ def prepare(folder):
     import csi_files  # of the tests, whose folders a process that only breaks files does not know
 
     folder = Path(folder)
-    (folder / "scene.yaml").write_text(yaml.safe_dump(SCENE))
-    assert main(["simulate", str(folder / "scene.yaml"), str(folder / "capture")]) == 0
-    (folder / "packets.yaml").write_text(yaml.safe_dump(PACKETS))
-    assert main(["simulate", str(folder / "packets.yaml"), str(folder / "packets")]) == 0
-    (folder / "symbol.yaml").write_text(yaml.safe_dump(SYMBOL))
+    shutil.copytree(ORIGINALS, folder, dirs_exist_ok=True)
+    shutil.copy(folder / "law.yaml", folder / "skin.yaml")
+    for scene, name in (("scene.yaml", "capture"), ("packets.yaml", "packets")):
+        assert main(["simulate", str(folder / scene), str(folder / name)]) == 0
     for tool, content in {
         "intel": csi_files.intel_file(csi_files.values_of(30, 3, 100)),
         "atheros": csi_files.atheros_file(csi_files.values_of(56, 2, 400)),
@@ -227,7 +152,6 @@ def prepare(folder):
     symbol = np.exp(1j * np.pi * np.arange(64) ** 2 / 64)
     for name in ("chirp.npy", "own.npy"):
         np.save(folder / name, symbol)
-    (folder / "radio.txt").write_text(RADIO)
     (folder / "x.sigmf-data").symlink_to("capture.sigmf-data")
     # A short line: the tables of its model are small, and soon built.
     line = replace(sensors.load_sensor("line-900mhz"), length_mm=10.0)
@@ -235,25 +159,6 @@ def prepare(folder):
     sensors.write_vna_csv(table, folder / "vna.csv")
     sensors.write_sensor(sensors.calibrate(table, "arm", 10.0, "cubic"), folder / "arm.yaml")
     _touchstone(table, folder)
-    _surface(folder)
-    phases = "".join(f"{100 - i},{90 + i},{i / 28},arm,{'5' if i % 3 else ''}\n" for i in range(9))
-    header = "phase1_deg,phase2_deg,time_s,sensor,location_mm\n"
-    (folder / "phases.csv").write_text(header + phases)
-
-
-def _surface(folder):
-    """A surface, its law, and taps with what the strips showed of them."""
-    (folder / "surface.yaml").write_text(yaml.safe_dump(SURFACE))
-    for name in ("law.yaml", "skin.yaml"):
-        (folder / name).write_text(yaml.safe_dump(SPREADING))
-    taps, shown = ["start_s,end_s,force_n,x_mm,y_mm"], []
-    for n in range(9):
-        taps.append(f"{n},{n + 0.5},5,5,{1.5 * n}")
-        for sensor, share in (("low", 0.7 - 0.05 * n), ("high", 0.3 + 0.05 * n)):
-            shown.append(f"{n + 0.25},{sensor},1,{5 * share},0.1,5,0.2,")
-    header = "time_s,sensor,touch,force_n,force_std_n,location_mm,location_std_mm,flags"
-    (folder / "taps.csv").write_text("\n".join(taps) + "\n")
-    (folder / "shown.csv").write_text("\n".join([header, *shown]) + "\n")
 
 
 def _touchstone(table, folder):
@@ -347,13 +252,13 @@ class Reached:
         return self._called
 
 
-def peak_memory(process="self"):
-    """Most resident memory a process has held, in bytes.
+def peak_memory():
+    """Most resident memory that this process has held, in bytes.
 
     getrusage would count that of the process which started this one as well: what a process held
     before it became another program is counted to it.
     """
-    status = Path(f"/proc/{process}/status").read_text()
+    status = Path("/proc/self/status").read_text()
     return 1024 * int(next(line for line in status.splitlines() if "VmHWM" in line).split()[1])
 
 

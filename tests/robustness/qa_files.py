@@ -24,14 +24,14 @@ def complaint(done, status):
 
 @pytest.mark.parametrize("seed", cases(0, long=(1, 2, 3)))
 def test_a_full_disk_keeps_every_whole_row_and_is_reported_in_one_line(sandbox, readings, seed):
-    size = int(np.random.default_rng(seed).integers(len("".join(readings))))
+    size = int(np.random.default_rng(seed).integers(len(readings)))
     output = sandbox.folder / f"full{seed}.csv"
     done = sandbox.run("read", "press", *READ, "-o", output, before=room_for(size))
     assert f"{output}: cannot be written further" in complaint(done, 1)
     assert done.stdout == ""
     kept = output.read_text()
-    assert kept == "".join(readings)[: len(kept)] and kept[-1:] in ("", "\n")
-    rest = "".join(readings)[len(kept) :]
+    assert kept == readings[: len(kept)] and kept[-1:] in ("", "\n")
+    rest = readings[len(kept) :]
     assert len(kept) + len(rest.splitlines(keepends=True)[0]) > size
 
 
@@ -44,7 +44,7 @@ def test_without_a_home_and_with_every_standard_stream_closed_the_file_is_the_sa
 
     output = sandbox.folder / "bare.csv"
     assert sandbox.run("read", "press", *READ, "-o", output, before=bare).returncode == 0
-    assert output.read_text() == "".join(readings)
+    assert output.read_text() == readings
 
 
 def test_a_full_disk_leaves_nothing_of_a_simulation(sandbox):
@@ -92,7 +92,7 @@ def test_any_name_that_the_system_takes_is_read(sandbox, readings, name):
         shutil.copy(sandbox.folder / f"press{suffix}", sandbox.folder / f"{name}{suffix}")
     done = sandbox.run("read", *READ, "-o", f"{name}.csv", "--", name)
     assert done.returncode == 0, done.stderr
-    assert (sandbox.folder / f"{name}.csv").read_text() == "".join(readings)
+    assert (sandbox.folder / f"{name}.csv").read_text() == readings
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -13,7 +13,7 @@ CASES, LONG_CASES = 4, 10_000
 # What is not refused starts a process for the radio.
 LONG_RADIO_CASES = 500
 # These take longer than all else.
-FEWER = dict.fromkeys(("metadata", "samples", "snapshots", "symbol", *fuzzing.KINDS[-6:]), 1)
+FEWER = dict.fromkeys(("metadata", "samples", "snapshots", "symbol", "radio", *fuzzing.TOOLS), 1)
 # Readers leave their buffers behind: see "What GNU Radio 3.10 requires" in docs/architecture.md.
 CASES_PER_PROCESS = {"metadata": 200, "samples": 200}
 PROCESSES = 100

@@ -69,43 +69,30 @@ def test_streams_leave_no_wrong_reading_without_a_flag(family, snapshots, long_r
     assert_honest(found, family, LONG if long_run else 5e-3)
 
 
-@pytest.mark.parametrize("seed", [40, 94])
-def test_turns_during_touches_are_followed_by_off_states_in_error(seed):
-    """One that slows, and one that begins while a press slides, were taken for force."""
-    found = score([seed], 625, "off states in error")
-    assert not found.wrong, str(found)
+# Sequences that were once read wrong, and how many readings of them have no flag at least.
+MENDED = [
+    # A turn that slows, and one that begins while a press slides, were taken for force.
+    ("off states in error", 40, 625, 0),
+    ("off states in error", 94, 625, 0),
+    # Another press while the tag turns by 29 degrees; one that rises in part of a group.
+    ("off states", 155, 625, 300),
+    ("drift", 181, 625, 300),
+    # At mid-line each swing of a force showed that the model's direction is not exact.
+    ("tremor", 6, 125, 1500),
+    # Only a turning tag went on while the supply failed, so that a changing force was a turn.
+    ("brownouts", 5, 625, 150),
+    # Groups in which a force rises and a hand moves were divided anew, as if each erred otherwise.
+    ("hand", 8, 63, 1000),
+    # A line that is doubted reads no press confidently, nor does one that a finger warms.
+    ("brownouts", 49, 2500, 20),
+    ("warm", 54, 2500, 20),
+]
 
 
-@pytest.mark.parametrize("family, seed", [("off states", 155), ("drift", 181)])
-def test_changes_inside_two_groups_leave_the_line(family, seed):
-    """Another press while the tag turns by 29 degrees; one that rises in part of a group."""
-    found = score([seed], 625, family)
-    assert not found.wrong and found.counts["unflagged"] > 300, str(found)
-
-
-def test_a_force_that_swings_is_not_taken_for_a_turning_tag():
-    """At mid-line each swing showed that the model's direction is not exact, again and again."""
-    found = score([6], 125, "tremor")
-    assert not found.wrong and found.counts["unflagged"] > 1500, str(found)
-
-
-def test_a_force_that_changes_goes_on_while_the_supply_fails():
-    """Only a turning tag went on, so that a changing force was taken for a turn at mid-line."""
-    found = score([5], 625, "brownouts")
-    assert not found.wrong and found.counts["unflagged"] > 150, str(found)
-
-
-def test_a_force_that_rises_while_a_hand_moves_is_doubted_in_short_groups():
-    """They were divided anew in each group, as if that erred by something else each time."""
-    found = score([8], 63, "hand")
-    assert not found.wrong and found.counts["unflagged"] > 1000, str(found)
-
-
-@pytest.mark.parametrize("family, seed", [("brownouts", 49), ("warm", 54)])
-def test_a_line_that_is_doubted_reads_no_press_confidently(family, seed):
-    """A supply that fails, and a line that a finger warms."""
-    found = score([seed], 2500, family)
-    assert not found.wrong and found.counts["unflagged"] > 20, str(found)
+@pytest.mark.parametrize("family, seed, snapshots, unflagged", MENDED)
+def test_sequence_that_was_once_read_wrong_is_not(family, seed, snapshots, unflagged):
+    found = score([seed], snapshots, family)
+    assert not found.wrong and found.counts["unflagged"] > unflagged, str(found)
 
 
 def test_a_sudden_turn_after_a_silence_is_followed():

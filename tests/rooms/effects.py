@@ -29,13 +29,15 @@ class Air:
     """What every effect can refer to.
 
     ``line`` is |c1[1]| of the tag that is read, ``noise`` the rms of the receiver's noise per
-    complex sample, ``sent`` the frame as it leaves the antenna, ``frames`` the capture's length.
+    complex sample, ``sent`` the frame as it leaves the antenna, ``frames`` the capture's length,
+    ``tag`` the tag that is read, a ``SwitchedTag``.
     """
 
     line: float
     noise: float
     sent: np.ndarray
     frames: int
+    tag: object = None
 
     @property
     def edges_s(self):
@@ -189,21 +191,13 @@ class Drift(Effect):
 
 
 @dataclass
-class HalfFrame(Effect):
-    """The scene states half the frame length that was sent."""
+class Stated(Effect):
+    """The scene states this as well, true or not."""
+
+    sections: dict
 
     def alter_scene(self, scene):
-        scene["sounding"] = {"frame_length": FRAME // 2}
-
-
-@dataclass
-class Declared(Effect):
-    """The scene states how fast things move, for comparison with rooms that are not described."""
-
-    moving_hz: float
-
-    def alter_scene(self, scene):
-        scene["environment"] = {"moving_clutter_hz": self.moving_hz}
+        scene.update(self.sections)
 
 
 @dataclass
@@ -236,9 +230,22 @@ class OtherSensors(Effect):
             tag.add(block, first)
 
 
+class UntouchedTag(Effect):
+    """A tag that nobody touches; ``begin`` sets its ``switches`` and the reflections ``ends``."""
+
+    def arrive(self, air, later_s):
+        """Set the frame by way of this tag, so much later than by way of ours."""
+        self.late = 10 ** (self.level_db / 20) * delayed(air.sent, TAG_DELAY_S + later_s)
+        self.peak = np.abs(self.late).max()
+
+    def add(self, block, first):
+        s1, s2 = self.switches.on(first, len(block))
+        block[:, :ACTIVE] += self.late[:ACTIVE] * (s1 * self.ends[0] + s2 * self.ends[1])
+
+
 @dataclass
-class OtherTag(Effect):
-    """A tag that the scene does not list and that nobody touches."""
+class OtherTag(UntouchedTag):
+    """A tag that the scene does not list."""
 
     clock_hz: float
     level_db: float
@@ -252,15 +259,9 @@ class OtherTag(Effect):
         )
         self.switches.begin(air, rng)
         self.ends = np.exp(2j * np.pi * rng.random(2))
-        later = rng.uniform(-15e-9, 40e-9) if self.later_s is None else self.later_s
-        self.late = 10 ** (self.level_db / 20) * delayed(air.sent, TAG_DELAY_S + later)
-        self.peak = np.abs(self.late).max()
-
-    def add(self, block, first):
-        s1, s2 = self.switches.on(first, len(block))
-        block[:, :ACTIVE] += self.late[:ACTIVE] * (s1 * self.ends[0] + s2 * self.ends[1])
+        self.arrive(air, rng.uniform(-15e-9, 40e-9) if self.later_s is None else self.later_s)
 
 
-def near_tag(apart_ppm, level_db=-10.0, clock_hz=1000.0, own_ppm=25.0, later_s=None):
+def near_tag(apart_ppm, level_db=-10.0, later_s=None):
     """A tag of the same kind as ours, a few ppm beside it."""
-    return OtherTag(clock_hz, level_db, own_ppm + apart_ppm, later_s)
+    return OtherTag(1000.0, level_db, 25.0 + apart_ppm, later_s)

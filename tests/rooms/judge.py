@@ -6,98 +6,74 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
+import pandas as pd
 from second_simulator import FRAME, RATE, phases, pressed
 
 # What makes an unflagged reading wrong.
 SIGMAS, FORCE_N, LOCATION_MM, MISSED_N = 5.0, 0.3, 1.0, 1.5
-
-
-@dataclass
-class Touch:
-    """A reading of a steady press that says touched; errors are reading minus truth."""
-
-    flagged: bool
-    phase_deg: tuple  # errors of both ends
-    force_n: float
-    force_std_n: float
-    location_mm: float
-    location_std_mm: float
-
-    @property
-    def wrong(self):
-        return beyond(self.force_n, self.force_std_n, FORCE_N) or beyond(
-            self.location_mm, self.location_std_mm, LOCATION_MM
-        )
-
-
-def beyond(error, std, least):
-    """Off by more than is said and than matters; a value without a std claims to be exact."""
-    return abs(error) > least and not abs(error) <= SIGMAS * std
+PHASES = ["phase1_deg", "phase2_deg"]
 
 
 @dataclass
 class Tally:
-    """What is counted over the captures of a room. Only steady groups are judged."""
+    """What is found in the captures of a room.
 
-    steady: int = 0  # readings in steady presses
-    untouched: int = 0  # readings where nothing is pressed
-    unflagged: int = 0  # of both
-    false_touches: int = 0  # unflagged
-    missed: int = 0  # steady presses above 1.5 N that an unflagged reading denies
-    touches: list = field(default_factory=list)
-    rejected: list = field(default_factory=list)  # share of each group, because of interference
-    refused: list = field(default_factory=list)  # messages of the product
-    flags: Counter = field(default_factory=Counter)  # of steady presses
-    captures: int = 0
-    suspected: Counter = field(default_factory=Counter)  # captures by what the reader suspects
-    seconds: float = 0.0
+    ``judged``: tables of `judge`; ``refused``: messages of the product; ``suspected``: captures by
+    what the reader suspects.
+    """
+
+    judged: list = field(default_factory=list)
+    refused: list = field(default_factory=list)
+    suspected: Counter = field(default_factory=Counter)
 
     def add(self, other):
         for name, value in vars(other).items():
             setattr(self, name, getattr(self, name) + value)
 
     @property
+    def readings(self):
+        """All readings that are judged."""
+        none = pd.DataFrame(columns=COLUMNS, dtype=float).astype(dict.fromkeys(MARKS, bool))
+        return pd.concat(self.judged) if self.judged else none
+
+    @property
     def wrong(self):
-        own = sum(touch.wrong for touch in self.touches if not touch.flagged)
-        return own + self.false_touches + self.missed
+        return int(self.readings["wrong"].sum())
+
+    @property
+    def touches(self):
+        """Readings of a steady press that say touched."""
+        return self.readings.query("steady and touched")
 
     def summary(self):
         """Figures by name; NaN where there is nothing to compute them from.
 
         Errors are those of unflagged touches, but ``all_phases_rms_deg`` includes flagged ones.
         """
-        trusted = [touch for touch in self.touches if not touch.flagged]
-        phase = np.array([touch.phase_deg for touch in trusted]).reshape(-1, 2)
-        every_phase = np.array([touch.phase_deg for touch in self.touches]).reshape(-1)
-        figures = {
+        read, touches = self.readings, self.touches
+        trusted, steady = touches[~touches["flagged"]], read[read["steady"]]
+        force = trusted["force_n"]
+        return {
             "refused": sorted(set(self.refused)),
-            "steady": self.steady,
-            "read_share": len(trusted) / self.steady if self.steady else math.nan,
-            "unflagged": self.unflagged,
+            "steady": len(steady),
+            "read_share": len(trusted) / len(steady) if len(steady) else math.nan,
+            "unflagged": int((~read["flagged"]).sum()),
             "wrong": self.wrong,
-            "missed": self.missed,
-            "untouched": self.untouched,
-            "false_touches": self.false_touches,
-            "phase1_rms_deg": rms(phase[:, 0]),
-            "phase2_rms_deg": rms(phase[:, 1]),
-            "all_phases_rms_deg": rms(every_phase),
-            "captures": self.captures,
+            "missed": int((steady["wrong"] & ~steady["touched"]).sum()),
+            "untouched": len(read) - len(steady),
+            "false_touches": int((read["wrong"] & ~read["steady"]).sum()),
+            "phase1_rms_deg": rms(trusted["phase1_deg"]),
+            "phase2_rms_deg": rms(trusted["phase2_deg"]),
+            "all_phases_rms_deg": rms(touches[PHASES].to_numpy(float).ravel()),
             "suspected": dict(self.suspected.most_common()),
-            "rejected": float(np.mean(self.rejected)) if self.rejected else math.nan,
+            "rejected": read["interference"].mean(),
+            "force_median_n": force.abs().median(),
+            "force_90th_n": force.abs().quantile(0.9),
+            "force_error_over_std": rms(force) / rms(trusted["force_std_n"]),
+            "force_within_2": (force.abs() <= 2 * trusted["force_std_n"]).mean(),
+            "location_median_mm": trusted["location_mm"].abs().median(),
+            "flags": dict(Counter(" ".join(steady["flags"]).split()).most_common()),
         }
-        for key, unit in (("force", "n"), ("location", "mm")):
-            error = np.array([getattr(touch, f"{key}_{unit}") for touch in trusted])
-            std = np.array([getattr(touch, f"{key}_std_{unit}") for touch in trusted])
-            size = np.abs(error)
-            figures |= {
-                f"{key}_median_{unit}": float(np.median(size)) if len(size) else math.nan,
-                f"{key}_90th_{unit}": float(np.quantile(size, 0.9)) if len(size) else math.nan,
-                f"{key}_rms_{unit}": rms(error),
-                f"{key}_std_rms_{unit}": rms(std),
-                f"{key}_error_over_std": rms(error) / rms(std) if len(size) else math.nan,
-                f"{key}_within_2": float(np.mean(size <= 2 * std)) if len(size) else math.nan,
-            }
-        return figures | {"flags": dict(self.flags.most_common()), "seconds": self.seconds}
 
 
 def rms(values):
@@ -128,62 +104,50 @@ def truth_of(room, begin_s, end_s):
             return "steady", float(force), location
         if begin_s < start + 2 * rise + hold + margin and end_s > start - margin:
             return "changing", math.nan, math.nan
-    return "untouched", 0.0, math.nan
+    return "untouched", 0.0, 40.0
 
 
-def number(row, key):
-    return float(row[key]) if row.get(key) else math.nan
-
-
-def read_phases(row):
-    return np.array([number(row, "phase1_deg"), number(row, "phase2_deg")])
-
-
-def phases_at_rest(rows):
+def phases_at_rest(readings):
     """Phases that readings start from: mean over the groups of the reference, (2,)."""
-    reference = [read_phases(row) for row in rows if "reference" in row["flags"].split()]
-    if not reference:
-        return np.full(2, math.nan)
-    return np.rad2deg(np.angle(np.exp(1j * np.deg2rad(reference)).mean(axis=0)))
+    reference = readings.loc[readings["flags"].str.contains("reference"), PHASES]
+    return np.rad2deg(np.angle(np.exp(1j * np.deg2rad(reference.to_numpy(float))).mean(axis=0)))
 
 
-def judge(room, rows):
-    """Compare the readings of one capture, rows of the product's CSV, with the truth."""
-    tally = Tally()
-    times = [float(row["time_s"]) for row in rows]
+MARKS = ["steady", "touched", "flagged", "wrong"]
+COLUMNS = [*MARKS, "force_n", "force_std_n", "location_mm", "location_std_mm", *PHASES, "flags"]
+COLUMNS += ["interference"]
+
+
+def judge(room, readings):
+    """Compare the readings of one capture, the product's table, with the truth.
+
+    Returns a table of the readings whose group is ``steady`` or untouched; force, location and
+    phases are errors, reading minus truth.
+    """
+    found = readings.fillna({"flags": ""})
     # The reader's groups are shorter than ours where its scene states another frame length.
-    group_s = min(np.diff(times)) if len(times) > 1 else room.group * FRAME / RATE
-    rest = phases_at_rest(rows)
-    rest -= phases(room.tag, np.zeros(1), np.full(1, 40.0))[0]
-    for time_s, row in zip(times, rows, strict=True):
-        kind, force, location = truth_of(room, time_s - group_s / 2, time_s + group_s / 2)
-        flags, touch = row["flags"].split(), row["touch"] == "1"
-        if kind == "changing":
-            continue
-        tally.unflagged += not flags
-        tally.rejected.append(number(row, "interference"))
-        if kind == "untouched":
-            tally.untouched += 1
-            tally.false_touches += touch and not flags
-            continue
-        tally.steady += 1
-        tally.flags.update(flags)
-        if touch:
-            psi = phases(room.tag, np.array([force]), np.array([location]))[0]
-            error = (read_phases(row) - psi - rest + 180) % 360 - 180
-            tally.touches.append(
-                Touch(
-                    bool(flags),
-                    tuple(error.tolist()),
-                    number(row, "force_n") - force,
-                    number(row, "force_std_n"),
-                    number(row, "location_mm") - location,
-                    number(row, "location_std_mm"),
-                )
-            )
-        elif not flags and force > MISSED_N:
-            tally.missed += 1
-    return tally
+    half_s = (found["time_s"].diff().min() if len(found) > 1 else room.group * FRAME / RATE) / 2
+    truth = [truth_of(room, time_s - half_s, time_s + half_s) for time_s in found["time_s"]]
+    kind, force, location = (np.array(each) for each in zip(*truth, strict=True))
+    psi = phases(room.tag, force, location)
+    rest = phases_at_rest(found) - phases(room.tag, np.zeros(1), np.full(1, 40.0))[0]
+    found[PHASES] = (found[PHASES] - psi - rest + 180) % 360 - 180
+    found["force_n"] -= force
+    found["location_mm"] -= location
+    found["steady"], found["touched"] = kind == "steady", found["touch"] == 1
+    found["flagged"] = found["flags"] != ""
+    # Off by more than is said and than matters; a value without a std claims to be exact.
+    off = np.zeros(len(found), bool)
+    for name, std, least in (
+        ("force_n", "force_std_n", FORCE_N),
+        ("location_mm", "location_std_mm", LOCATION_MM),
+    ):
+        error = found[name].abs()
+        off |= (error > least) & ~(error <= SIGMAS * found[std])
+    missed = found["steady"] & ~found["touched"] & (force > MISSED_N)
+    wrong = missed | found["touched"] & (off | ~found["steady"])
+    found["wrong"] = wrong & ~found["flagged"]
+    return found.loc[kind != "changing", COLUMNS]
 
 
 def failures(room, figures):

@@ -2,10 +2,11 @@
 """Rooms are comparable and undescribed, and the judge of their readings counts what is wrong."""
 
 import numpy as np
+import pandas as pd
 from second_simulator import FRAME, GROUP, RATE, phases, pressed
 
 from rooms import radio
-from rooms.judge import failures, judge
+from rooms.judge import PHASES, Tally, failures, judge
 from rooms.rooms import ROOMS, Capture, Room, scene_of
 
 
@@ -28,45 +29,37 @@ def test_scene_describes_nothing_of_the_room():
         assert len(scene["sensors"]) == 1
 
 
-def reading(time_s, force_n=0.0, location_mm=0.0, std=0.05, flags="", touch="1"):
-    psi = phases(Room().tag, *(np.array([v]) for v in (force_n, location_mm or 40.0)))[0]
-    return {
-        "time_s": str(time_s),
-        "touch": touch,
-        "flags": flags,
-        "force_n": str(force_n) if touch == "1" else "",
-        "force_std_n": str(std) if touch == "1" else "",
-        "location_mm": str(location_mm) if touch == "1" else "",
-        "location_std_mm": str(std) if touch == "1" else "",
-        "phase1_deg": str(psi[0]),
-        "phase2_deg": str(psi[1]),
-    }
-
-
 def test_judge_counts_what_is_wrong():
     """The score is worth what its rule is worth."""
-    room, period = Room(), GROUP * FRAME / RATE
-    times = (np.arange(72) + 0.5) * period
+    room, times = Room(), (np.arange(72) + 0.5) * GROUP * FRAME / RATE
     force, location = pressed(room.tag, times)
-    rows = [
-        reading(t, f, x, flags="reference" if t < 0.45 else "", touch=str(int(f >= 0.9)))
-        for t, f, x in zip(times, force, location, strict=True)
-    ]
-    right = judge(room, rows)
-    assert (right.wrong, right.steady, right.untouched) == (0, 40, 22)
-    assert right.summary()["all_phases_rms_deg"] < 1e-6
-    assert failures(ROOMS["clean"], right.summary()) == ["std"]
+    touched = force >= 0.9
+    rows = pd.DataFrame(phases(room.tag, force, location), columns=PHASES)
+    rows = rows.assign(time_s=times, touch=touched.astype(int), interference=0.0)
+    rows["flags"] = np.where(times < 0.45, "reference", None)
+    for name, values in (("force_n", force), ("location_mm", location)):
+        rows[name] = np.where(touched, values, np.nan)
+    rows["force_std_n"] = rows["location_std_mm"] = np.where(touched, 0.05, np.nan)
+
+    def figures(readings):
+        return Tally([judge(room, readings)]).summary()
+
+    right = figures(rows)
+    assert [right[name] for name in ("wrong", "steady", "untouched")] == [0, 40, 22]
+    assert right["all_phases_rms_deg"] < 1e-6
+    assert failures(ROOMS["clean"], right) == ["std"]
 
     def changed(**fields):
-        held = next(i for i, t in enumerate(times) if t > 0.9)
-        return judge(room, rows[:held] + [rows[held] | fields] + rows[held + 1 :])
+        other = rows.copy()
+        other.loc[25, list(fields)] = list(fields.values())  # in the hold of the first press
+        return figures(other)
 
-    off = str(float(force[25]) + 0.4)
-    assert changed(force_n=off).wrong == 1
-    assert changed(force_n=off, flags="moved").wrong == 0
-    assert changed(force_n=off, force_std_n="0.2").wrong == 0
-    assert changed(force_n=str(float(force[25]) + 0.2), force_std_n="0.01").wrong == 0
-    assert changed(location_mm="35.0").wrong == 1
-    assert changed(touch="0", force_n="").missed == 1
-    invented = [row | {"touch": "1"} if float(row["time_s"]) > 2.56 else row for row in rows]
-    assert judge(room, invented).false_touches == judge(room, invented).wrong > 0
+    off = force[25] + 0.4
+    assert changed(force_n=off)["wrong"] == 1
+    assert changed(force_n=off, flags="moved")["wrong"] == 0
+    assert changed(force_n=off, force_std_n=0.2)["wrong"] == 0
+    assert changed(force_n=force[25] + 0.2, force_std_n=0.01)["wrong"] == 0
+    assert changed(location_mm=35.0)["wrong"] == 1
+    assert changed(touch=0, force_n=np.nan)["missed"] == 1
+    invented = figures(rows.assign(touch=rows["touch"].where(times < 2.56, 1)))
+    assert invented["false_touches"] == invented["wrong"] > 0

@@ -45,25 +45,27 @@ def short_room(name):
 def test_undescribed_room_gives_no_confident_wrong_reading(name, cache, tmp_path, long_run):
     """The one thing that the project promises never to give."""
     room = room_named(name) if long_run else short_room(name)
-    _, tally = score_capture(name, 1, tmp_path / "room", cache, keep=False, room=room)
+    tally = score_capture(name, 1, tmp_path / "room", cache, room=room)
     assert tally.wrong == 0
-    assert tally.steady >= 8 or room.refusable
+    figures = tally.summary()
+    assert figures["steady"] >= 8 or room.refusable
     if not name.startswith("mixture"):
-        assert "flags" not in failures(room, tally.summary())
+        assert "flags" not in failures(room, figures)
 
 
 def test_presses_of_swapped_ends_are_flagged_after_the_second_one(cache, tmp_path):
     """On a line that is not symmetric, whole presses show what single readings do not."""
-    _, tally = score_capture("swapped-leaning", 1, tmp_path / "room", cache, keep=False)
+    tally = score_capture("swapped-leaning", 1, tmp_path / "room", cache)
     assert tally.suspected == {"swapped ends": 1}
-    assert [touch.flagged for touch in tally.touches[-20:]] == [True] * 20
+    flagged = tally.touches["flagged"]
+    assert flagged[-20:].all()
     # Of the first press only groups that change as no press of this line does.
-    assert sum(touch.flagged for touch in tally.touches[:20]) <= 5
+    assert flagged[:20].sum() <= 5
 
 
 @pytest.mark.long
 def test_hand_that_comes_with_the_press_enters_the_standard_deviation(cache, tmp_path):
     """Its path cannot be distinguished from force once it touches."""
-    _, tally = score_capture("near-hand-30", 1, tmp_path / "room", cache, keep=False)
-    errors = [abs(touch.force_n) / touch.force_std_n for touch in tally.touches]
-    assert len(errors) > 40 and max(errors) < 3 and not tally.wrong and not tally.suspected
+    tally = score_capture("near-hand-30", 1, tmp_path / "room", cache)
+    errors = tally.touches["force_n"].abs() / tally.touches["force_std_n"]
+    assert len(errors) > 40 and errors.max() < 3 and not tally.wrong and not tally.suspected

@@ -11,14 +11,16 @@ from rooms.effects import FRAME_S, Effect
 
 
 class Transmissions(Effect):
-    """Transmissions of others, at random times, in the guard as well; ``begin`` sets ``on``.
+    """Transmissions of others, at random times, in the guard as well.
 
-    ``on`` is a list of (first sample, last sample, seed).
+    They last for random durations within ``durations_s``, and are on for a ``share`` of the time.
     """
 
-    def schedule(self, air, rng, shortest_s, longest_s, share):
-        """Random durations, and random gaps of the mean length that makes the share."""
-        mean_gap = (shortest_s + longest_s) / 2 * (1 - share) / share
+    def begin(self, air, rng):
+        """Set ``on``: first sample, last sample and seed of each."""
+        self.amplitude = air.noise * 10 ** (self.level_db / 20)
+        shortest_s, longest_s = self.durations_s
+        mean_gap = (shortest_s + longest_s) / 2 * (1 - self.share) / self.share
         self.on, now = [], -rng.uniform(0, longest_s)
         while now < air.frames * FRAME_S:
             end = now + rng.uniform(shortest_s, longest_s)
@@ -50,10 +52,6 @@ class Bursts(Transmissions):
     share: float
     level_db: float
     durations_s: tuple = (0.3e-3, 2e-3)
-
-    def begin(self, air, rng):
-        self.amplitude = air.noise * 10 ** (self.level_db / 20)
-        self.schedule(air, rng, *self.durations_s, self.share)
 
     def waveform(self, count, rng):
         return normal(rng, count)
@@ -106,10 +104,6 @@ class Hopper(Transmissions):
     level_db: float
     durations_s: tuple = (5e-3, 20e-3)
     width: int = 8
-
-    def begin(self, air, rng):
-        self.amplitude = air.noise * 10 ** (self.level_db / 20)
-        self.schedule(air, rng, *self.durations_s, self.share)
 
     def waveform(self, count, rng):
         count += -count % 960  # a length with small prime factors

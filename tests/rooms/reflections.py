@@ -173,11 +173,8 @@ class HandPath(Effect):
 
     level_db: float
 
-    def alter_tag(self, tag, rng):
-        self.tag = tag
-
     def begin(self, air, rng):
-        t = air.edges_s
+        t, self.tag = air.edges_s, air.tag
         near, away_m = np.zeros_like(t), np.full_like(t, 0.2)
         for start, rise, hold, *_ in self.tag.tag.presses:
             end = start + 2 * rise + hold

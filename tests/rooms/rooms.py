@@ -62,7 +62,9 @@ def _rooms():
         rooms[f"walker{level:+d}"] = Room((reflections.Walker(level),))
         rooms[f"fan{level:+d}"] = Room((reflections.Fan(level),))
     for name, moves in (("walker+30", 30.0), ("fan+30", 200.0)):
-        rooms[f"{name}-declared"] = Room((*rooms[name].effects, e.Declared(moves)))
+        rooms[f"{name}-declared"] = Room(
+            (*rooms[name].effects, e.Stated({"environment": {"moving_clutter_hz": moves}}))
+        )
     rooms["three-walkers+20"] = Room((reflections.Walker(20),) * 3)
     for clock in (2000, 500, 1300, 1790, 1400):
         for level in (-10, 10, 30):
@@ -130,7 +132,9 @@ def _rooms():
         ),
         "drift": Room((e.Drift(),), presses=LONG_PRESSES, duration_s=7.6),
         "taps": Room(phase_deg=0.08, force_n=0.07, presses=TAPS, group=125),
-        "half-frame": Room((e.HalfFrame(),), False, refusable=True),
+        "half-frame": Room(
+            (e.Stated({"sounding": {"frame_length": FRAME // 2}}),), False, refusable=True
+        ),
     }
     return rooms
 
@@ -205,20 +209,21 @@ class Capture:
         self.frames = math.floor(room.duration_s * RATE / FRAME) // GROUP * GROUP
         self.effects = copy.deepcopy(room.effects)
         generators = [np.random.default_rng([seed, 10 + i]) for i in range(len(self.effects))]
+        effects = list(zip(self.effects, generators, strict=True))
         self.noise_rng, rng = np.random.default_rng([seed, 2]), np.random.default_rng([seed, 3])
         averaging = np.sinc(room.clock_hz * 256 / RATE)
         line = 0.25 * np.sinc(0.25) * averaging
         noise = line / 10 ** (room.snr_db / 20) * np.sqrt(4 * 64 / 62)
         sent = simple.frame()
-        for effect, own in zip(self.effects, generators, strict=True):
+        for effect, own in effects:
             sent = effect.transmit(sent, own)
         self.air = e.Air(line, noise, sent, self.frames)
         self.still = self.static(rng, room.static_db)
-        self.tag = e.SwitchedTag(tag or room.tag, rng)
-        for effect, own in zip(self.effects, generators, strict=True):
+        self.tag = self.air.tag = e.SwitchedTag(tag or room.tag, rng)
+        for effect, own in effects:
             effect.alter_tag(self.tag, own)
         self.tag.begin(self.air, rng)
-        for effect, own in zip(self.effects, generators, strict=True):
+        for effect, own in effects:
             effect.begin(self.air, own)
         self.peak = np.max(np.abs(self.still) + np.abs(self.tag.late))
         self.peak += 3.5 * noise + sum(effect.peak for effect in self.effects)

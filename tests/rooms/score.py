@@ -21,7 +21,6 @@ import math
 import shutil
 import sys
 import tempfile
-import time
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
@@ -29,48 +28,40 @@ from pathlib import Path
 TESTS = Path(__file__).resolve().parent.parent
 sys.path[:1] = [str(TESTS), str(TESTS / "helpers"), str(TESTS / "models")]
 
-from command_runs import rows_of, run_command  # noqa: E402
+import pandas as pd  # noqa: E402
+from command_runs import run_command, succeeded  # noqa: E402
 
 from rooms.judge import Tally, failures, judge, suspected  # noqa: E402
 from rooms.rooms import ROOMS, TABLES, room_named, write_room  # noqa: E402
-
-
-def command(*arguments):
-    """Run the product; returns exit status and message."""
-    done = run_command(*arguments)
-    return done.returncode, done.stderr.strip()
 
 
 def calibrated(table, cache):
     """Sensor model of a VNA table beside it; equal tables are calibrated once."""
     kept = cache / f"{hashlib.sha256(table.read_bytes()).hexdigest()[:16]}.yaml"
     if not kept.exists():
-        status, message = command("calibrate", table, "-o", table.with_suffix(".yaml"))
-        if status:
-            raise RuntimeError(f"calibrate: {message}")
+        succeeded("calibrate", table, "-o", table.with_suffix(".yaml"))
         table.with_suffix(".yaml").replace(kept.with_name(f"{table.parent.name}.tmp"))
         kept.with_name(f"{table.parent.name}.tmp").replace(kept)
     shutil.copy(kept, table.with_suffix(".yaml"))
 
 
-def score_capture(name, seed, folder, cache, keep, room=None):
+def score_capture(name, seed, folder, cache, keep=False, room=None):
     """Write, calibrate, read and judge one capture; of another room than its name's if given."""
-    began = time.monotonic()
     room = room or room_named(name)
     folder.mkdir(parents=True, exist_ok=True)
     write_room(room, seed, folder)
     calibrated(folder / "finger.csv", cache)
     output = folder / "readings.csv"
     files = folder / "capture", "--scene", folder / "scene.yaml", "-o", output
-    status, message = command("read", *files)
-    tally = Tally(refused=[f"exit {status}: {message.replace(f'{folder}/', '')}"])
-    if status == 0:
-        tally = judge(room, rows_of(output))
-        tally.captures, tally.suspected = 1, suspected(message)
-    tally.seconds = time.monotonic() - began
+    done = run_command("read", *files)
+    if done.returncode == 0:
+        tally = Tally([judge(room, pd.read_csv(output))], suspected=suspected(done.stderr))
+    else:
+        said = done.stderr.strip().replace(f"{folder}/", "")
+        tally = Tally(refused=[f"exit {done.returncode}: {said}"])
     if not keep:
         shutil.rmtree(folder)
-    return name, tally
+    return tally
 
 
 COLUMNS = (
@@ -157,12 +148,12 @@ def main(arguments=None):
         for name, own in tasks.items():
             tallies[name] = Tally()
             for task in own:
-                tallies[name].add(task.result()[1])
+                tallies[name].add(task.result())
             print(row_of(name, tallies[name].summary()), flush=True)
             total.add(tallies[name])
     rooms_wrong = sum(tally.wrong > 0 for tally in tallies.values())
     print(
-        f"wrong: {total.wrong} of {total.unflagged} unflagged readings, "
+        f"wrong: {total.wrong} of {total.summary()['unflagged']} unflagged readings, "
         f"in {rooms_wrong} of {len(tallies)} rooms"
     )
     return int(total.wrong > 0)

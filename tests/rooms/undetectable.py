@@ -8,10 +8,10 @@ the errors are, and how often they are noticed, by ``score.py --room undetectabl
 from dataclasses import dataclass, replace
 
 import numpy as np
-from second_simulator import Line, delayed, pressed
+from second_simulator import Line, pressed
 
 from rooms import reflections
-from rooms.effects import TAG_DELAY_S, Effect, Switches
+from rooms.effects import Effect, Switches, UntouchedTag
 
 
 @dataclass
@@ -35,27 +35,18 @@ class OffState(Effect):
 
 
 @dataclass
-class SynchronousTag(Effect):
-    """An untouched tag whose switches run on the clock of ours, a part of a period later."""
+class SynchronousTag(UntouchedTag):
+    """A tag whose switches run on the clock of ours, a part of a period later."""
 
     level_db: float
     later_s: float = 0.0  # of its path
     later_cycles: float = 0.0  # of its clock
 
-    def alter_tag(self, tag, rng):
-        self.tag = tag
-
     def begin(self, air, rng):
-        self.switches = Switches(self.tag.switches.clock_hz)
-        self.switches.cycles = self.tag.switches.cycles - self.later_cycles
+        self.switches = Switches(air.tag.switches.clock_hz)
+        self.switches.cycles = air.tag.switches.cycles - self.later_cycles
         self.ends = np.exp(2j * np.pi * rng.random(2))
-        self.late = 10 ** (self.level_db / 20) * delayed(air.sent, TAG_DELAY_S + self.later_s)
-        self.peak = np.abs(self.late).max()
-
-    def add(self, block, first):
-        s1, s2 = self.switches.on(first, len(block))
-        late = self.late[: s1.shape[1]]
-        block[:, : len(late)] += late * (s1 * self.ends[0] + s2 * self.ends[1])
+        self.arrive(air, self.later_s)
 
 
 @dataclass
@@ -64,13 +55,10 @@ class PushedSensor(Effect):
 
     mm: float  # at 5 N
 
-    def alter_tag(self, tag, rng):
-        self.tag = tag
-
     def begin(self, air, rng):
-        force = pressed(self.tag.tag, air.edges_s)[0]
+        force = pressed(air.tag.tag, air.edges_s)[0]
         moved_deg = np.degrees(reflections.RAD_PER_M) * 1e-3 * self.mm * force / 5.0
-        self.tag.drift_deg -= moved_deg[:, None]
+        air.tag.drift_deg -= moved_deg[:, None]
 
 
 # The line that was calibrated, and the effect.

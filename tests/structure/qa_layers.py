@@ -9,27 +9,16 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from make_architecture_drawings import CHAPTERS
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "python/wiforce"
 APPLICATION = ROOT / "gr-wiforce"
 
-# From the top. Units of one layer do not import each other.
-LAYERS = (
-    {"blocks"},
-    {"receiver"},
-    {"press"},
-    {"planning"},
-    {"simulation"},
-    {"scene", "gui"},
-    {"calibration"},
-    {"estimation", "sensor", "surface"},
-    {"io"},
-    {"signal"},
-    {"errors", "_config", "wiforce_kernels", "wiforce_python"},
-)
+# From the top, as the drawing of docs/architecture.md has them, and what stands below all.
+LAYERS = [layer for layer, _ in CHAPTERS]
+LAYERS += [{"errors", "_config", "wiforce_kernels", "wiforce_python"}]
 RANK = {unit: rank for rank, layer in enumerate(LAYERS) for unit in layer}
-RUNTIME = {"gnuradio", "pmt", "wiforce_python"}
 
 
 def modules_of(package):
@@ -69,27 +58,14 @@ def own_imports(modules):
     return found
 
 
-def top_names(path):
-    """First parts of the modules that a file imports, relative ones by their own name."""
-    for node in imports_of(path):
-        if isinstance(node, ast.Import):
-            yield from (alias.name.split(".")[0] for alias in node.names)
-        else:
-            yield (node.module or node.names[0].name).split(".")[0]
-
-
 @pytest.fixture(scope="module")
 def imports():
     return own_imports(modules_of(PACKAGE))
 
 
-def test_package_units_are_in_the_layers():
-    units = {parts[0] for parts in modules_of(PACKAGE) if parts}
-    assert units - set(RANK) == set()
-
-
 def test_package_imports_point_downward(imports):
     """An import that points upward makes a low folder unusable without the high ones."""
+    assert {parts[0] for parts in imports if parts} <= set(RANK)
     upward = [
         f"{'.'.join(importer)} imports {'.'.join(imported)}"
         for importer, targets in imports.items()
@@ -120,25 +96,22 @@ def test_folders_of_kernels_have_no_cycle():
     ).prepare()
 
 
-def test_package_outside_blocks_does_not_import_gnuradio():
-    """``wiforce.read`` and the planning would load GNU Radio's runtime."""
-    loaded = [
-        path.relative_to(PACKAGE).as_posix()
-        for parts, path in modules_of(PACKAGE).items()
-        if RUNTIME & set(top_names(path)) and parts[0] != "blocks"
-    ]
-    assert loaded == []
+# Folders, their files, and what none of them may import or include.
+APART = (
+    # ``wiforce.read`` and the planning would load GNU Radio's runtime.
+    ("python/wiforce", "*.py", r"^\s*(from|import)\b.*\b(gnuradio|pmt|wiforce_python)\b"),
+    ("lib/kernel", "*.*", r"#include <(gnuradio|pmt|volk)/"),
+    ("gr-wiforce/wiforce_app", "*.py", r"^\s*(from|import)\b.*\bsoftware_n210\b"),
+    ("gr-wiforce/software_n210", "*.py", r"^\s*(from|import)\b.*\bwiforce_app\b"),
+)
 
 
-def test_kernels_do_not_include_gnuradio():
-    for path in (ROOT / "lib/kernel").rglob("*.*"):
-        assert not re.search(r"#include <(gnuradio|pmt|volk)/", path.read_text()), path
-
-
-def test_command_and_software_n210_do_not_import_each_other():
-    for package, other in (("wiforce_app", "software_n210"), ("software_n210", "wiforce_app")):
-        for path in (APPLICATION / package).rglob("*.py"):
-            assert other not in top_names(path), path
+@pytest.mark.parametrize("folder, files, forbidden", APART)
+def test_folder_does_not_import_what_it_stands_apart_from(folder, files, forbidden):
+    paths = set((ROOT / folder).rglob(files)) - set((PACKAGE / "blocks").rglob("*"))
+    assert len(paths) > 5
+    for path in paths:
+        assert not re.search(forbidden, path.read_text(encoding="utf-8"), re.MULTILINE), path
 
 
 def test_process_of_a_radio_loads_no_other_part_of_the_command():

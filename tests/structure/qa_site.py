@@ -2,20 +2,13 @@
 """The documentation site: its pages, their links, and its notebook. Sphinx is not needed."""
 
 import json
-from pathlib import Path
 
+import make_site as maker
 import pytest
-from modules import module_of
-
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+from make_site import DOCS
 
 
-@pytest.fixture(scope="module")
-def maker():
-    return module_of(DOCS / "make_site.py")
-
-
-def test_site_every_page_is_in_the_table_of_contents(maker):
+def test_site_every_page_is_in_the_table_of_contents():
     """A page that is not listed cannot be found, and ends the build of the site."""
     listed = {
         name for each in maker.contents((DOCS / "index.md").read_text()).values() for name in each
@@ -35,13 +28,13 @@ def test_site_every_page_is_in_the_table_of_contents(maker):
         ("see [the code](../lib/x.cc).", "docs/live.md", "live.md", "see the code."),
     ],
 )
-def test_site_links_point_to_pages_of_the_site(maker, text, source, name, expected):
+def test_site_links_point_to_pages_of_the_site(text, source, name, expected):
     """A link that works in the repository would lead nowhere on the site."""
     names = {DOCS / "live.md": "live.md", DOCS / "images" / "x.png": "images/x.png"}
     assert maker.relinked(text, DOCS.parent / source, name, names) == expected
 
 
-def test_notebook_executes_and_reads_what_was_applied(maker, tmp_path, monkeypatch, capsys):
+def test_notebook_executes_and_reads_what_was_applied(tmp_path, monkeypatch, capsys):
     """The first thing that a researcher tries would fail."""
     from matplotlib import pyplot
 
