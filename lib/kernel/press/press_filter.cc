@@ -41,6 +41,8 @@ public:
         return std::max(first() + std::log1p(-d_share), second() + std::log(d_share));
     }
     double divergence() const { return std::max(first(), second()); }
+    //! Of both together, by their weights.
+    double mean() const { return (1 - d_share) * first() + d_share * second(); }
 
 private:
     double first() const { return (d_first + std::log(d_first_wider)) / 2; }
@@ -496,13 +498,14 @@ void press_filter::settle()
         if (counts < 0)
             break;
         const bool full = d_kept.size() == most_kept;
-        double least = full ? counts : no_loss;
+        const double most = full ? counts : no_loss;
+        double least = INFINITY;
         explanation* with = nullptr;
         const auto kind = kind_of(next);
         for (std::size_t i = 0; i < kinds.size(); i++) {
             if (kinds[i] != kind)
                 continue;
-            const double loss = loss_of_merging(d_kept[i], next, least);
+            const double loss = loss_of_merging(d_kept[i], next, most);
             if (loss < least) {
                 least = loss;
                 with = &d_kept[i];
@@ -542,7 +545,10 @@ void press_filter::keep_claim()
                                                       : (1 - d_claimed) / held_weight));
 }
 
-// Of one explanation in place of both; `most` where that is no less.
+// How far one explanation lies from both in whose place it is; infinity where more than
+// `most` nats of the evidence for either are lost. What loses none may merge with
+// several: not with one that is so much wider that it hides it, and would grow narrower
+// each time.
 double press_filter::loss_of_merging(const explanation& a,
                                      const explanation& b,
                                      double most) const
@@ -567,7 +573,7 @@ double press_filter::loss_of_merging(const explanation& a,
         compare_amplitudes(a.line.amplitude, b.line.amplitude);
     }
     if (loss.nats() > most)
-        return most;
+        return INFINITY;
     if (a.is != untouched || a.turn.goes_on) {
         const auto x = a.press.motion.means(), y = b.press.motion.means(),
                    u = a.press.motion.variances(), v = b.press.motion.variances();
@@ -584,7 +590,7 @@ double press_filter::loss_of_merging(const explanation& a,
             compare(apart.real(), 0, 0, a.mixture.seen_variance);
             compare(apart.imag(), 0, 0, a.mixture.seen_variance);
         }
-    return loss.nats();
+    return loss.nats() < most ? loss.mean() : INFINITY;
 }
 
 std::vector<press_filter::outcome>
