@@ -94,12 +94,17 @@ def readings_of_reader(plan, *before, input_type="sc16", runs=1, **options):
     return readings
 
 
-def assert_equal_readings(found, expected):
-    """Compare readings group by group: touch, force, location, phases and flags."""
+def assert_equal_readings(found, expected, precision=None):
+    """Compare readings group by group: touch, force, location, phases and flags.
+
+    Numbers agree within ``CLOSE``, or within ``precision`` of 1 and of their own size.
+    """
     assert len(found) == len(expected)
     for own, other in zip(found, expected, strict=True):
         assert [getattr(own, name) for name in EXACT] == [getattr(other, name) for name in EXACT]
         for name, limit in CLOSE.items():
             value, wanted = getattr(own, name), getattr(other, name)
             assert (value is None) == (wanted is None), (name, own.group)
-            assert value is None or abs(value - wanted) <= limit, (name, own.group)
+            if value is not None:
+                most = limit if precision is None else precision * (1 + abs(wanted))
+                assert abs(value - wanted) <= most, (name, own.group)

@@ -28,7 +28,7 @@ class Run:
     """Tones of a tag, with a group that lacks snapshots and three that are disturbed."""
 
     def __init__(self):
-        rng = np.random.default_rng(7)
+        rng = np.random.default_rng(8)
         self.table = design_weights([CLOCK_HZ], SNAPSHOTS, T, harmonics=24)
         mask = np.arange(SNAPSHOTS) % 10 > 0
         partial = self.table.for_present(mask)
@@ -113,7 +113,7 @@ def test_kernel_states_noise_and_snr_of_each_group(run):
     np.testing.assert_allclose(noise[11, NARROW], noise[10, NARROW] * rise[11, NARROW])
     np.testing.assert_allclose(found["raised"], 1 - np.mean(1 / rise, axis=1))
     # Twice the noise counts, its random errors do not.
-    np.testing.assert_allclose(gain[12], 2 * gain[9], rtol=0.25)
+    np.testing.assert_allclose(gain[12], 2 * gain[9], rtol=0.15)
     np.testing.assert_allclose(gain[1:4], np.tile(gain[9], (3, 1)), rtol=5e-3)
     power = np.abs(ends[9, OWN]) ** 2
     snr = 0.2 * (power.mean(axis=1) - gain[9] * noise[9].mean()) / noise[9].mean()

@@ -119,7 +119,7 @@ def run(request):
 def test_receiver_batches_of_any_size_give_equal_readings(run):
     plan, groups, tare_at, expected = run
     for size in (7, None):
-        assert_equal_readings(readings_of(plan, groups, size, tare_at), expected)
+        assert_equal_readings(readings_of(plan, groups, size, tare_at), expected, 1e-6)
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_receiver_other_estimators_do_not_depend_on_the_batches(settings, tracke
     plan = make_plan(**settings)
     groups, tare_at = faulty_groups(plan)
     expected = readings_of(plan, groups, 1, tare_at, tracked=tracked)
-    assert_equal_readings(readings_of(plan, groups, None, tare_at, tracked=tracked), expected)
+    assert_equal_readings(readings_of(plan, groups, None, tare_at, tracked=tracked), expected, 1e-6)
 
 
 @pytest.mark.parametrize("sensors, snapshots, share", [(1, 625, 0.08), (2, 125, 0.03)])
@@ -156,7 +156,7 @@ def test_receiver_noise_that_changes_in_a_batch_does_not_depend_on_the_batches(
     monkeypatch.setattr(end_separation, "process", note)
     expected = readings_of(plan, groups, 1)
     for size in (7, None):
-        assert_equal_readings(readings_of(plan, groups, size), expected)
+        assert_equal_readings(readings_of(plan, groups, size), expected, 1e-6)
     assert seen == {False, True}  # a step of the noise, and a lost model
 
 
@@ -167,8 +167,8 @@ def test_receiver_tare_while_groups_are_held_back_does_not_depend_on_the_batches
     groups = recorded_groups(plan, 40, untouched=range(30))
     expected = readings_of(plan, groups, 1, tare_at)
     assert len(expected) == 40
-    assert_equal_readings(readings_of(plan, groups, 7, tare_at), expected)
-    assert_equal_readings(readings_of(plan, groups, None, tare_at), expected)
+    assert_equal_readings(readings_of(plan, groups, 7, tare_at), expected, 1e-6)
+    assert_equal_readings(readings_of(plan, groups, None, tare_at), expected, 1e-6)
 
 
 def test_receiver_every_fault_is_flagged_where_it_is(run):
