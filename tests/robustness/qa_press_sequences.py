@@ -70,7 +70,7 @@ def test_streams_leave_no_wrong_reading_without_a_flag(family, snapshots, long_r
 
 
 # Sequences that were once read wrong, and how many readings of them have no flag at least.
-MENDED = [
+ONCE_WRONG = [
     # A turn that slows, and one that begins while a press slides, were taken for force.
     ("off states in error", 40, 625, 0),
     ("off states in error", 94, 625, 0),
@@ -89,7 +89,7 @@ MENDED = [
 ]
 
 
-@pytest.mark.parametrize("family, seed, snapshots, unflagged", MENDED)
+@pytest.mark.parametrize("family, seed, snapshots, unflagged", ONCE_WRONG)
 def test_sequence_that_was_once_read_wrong_is_not(family, seed, snapshots, unflagged):
     found = score([seed], snapshots, family)
     assert not found.wrong and found.counts["unflagged"] > unflagged, str(found)

@@ -91,9 +91,9 @@ def _mean_of_frames(samples: Array, frame_length: int) -> Array | None:
     return mean
 
 
-def _match(mean: Array, waveform: Waveform) -> Array:
+def _match(frames: Array, waveform: Waveform) -> Array:
     """Correlation of frames (..., frame_length) with the sent one at every cyclic shift."""
-    spectrum = np.fft.fft(mean) * np.fft.fft(waveform.frame()).conj()
+    spectrum = np.fft.fft(frames) * np.fft.fft(waveform.frame()).conj()
     return np.abs(np.fft.ifft(spectrum))
 
 
