@@ -14,7 +14,7 @@ from gnuradio.wiforce.wiforce_kernels import press_parameters
 from sequence_readings import score
 
 # What the caller knows and states, and no expectation.
-STATED = "period_s", "smoothing_s", "drift_deg"
+STATED = "period_s", "smoothing_s", "drift_deg", "turns_per_s"
 RUNS = ((125, 6), (2500, 24))
 FAMILIES = "plain", "mixture", "carrier"
 

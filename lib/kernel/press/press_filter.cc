@@ -428,7 +428,10 @@ double press_filter::happens(double rate, double seconds)
 // Half of the turns are sudden.
 double press_filter::turn_probability(const explanation& of) const
 {
-    return happens(learned(d_set.turns, of.turn.seen, of.turn.watched_s) / 2);
+    const double rate = d_set.turns_per_s >= 0
+                            ? d_set.turns_per_s
+                            : learned(d_set.turns, of.turn.seen, of.turn.watched_s);
+    return happens(rate / 2);
 }
 
 // That a hand comes near, and the tag does not turn by itself.
@@ -454,7 +457,7 @@ double press_filter::fail_probability(const explanation& of) const
 // Rate of what was expected at a rate of its own, and was seen so often in this time.
 double press_filter::learned(double per_s, double seen, double time_s) const
 {
-    return (per_s * d_set.turns_s + seen) / (d_set.turns_s + time_s);
+    return (per_s * d_set.expected_s + seen) / (d_set.expected_s + time_s);
 }
 
 // Of a sudden change that began at any time in a group, that the group ends before it.

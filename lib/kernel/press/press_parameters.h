@@ -6,8 +6,8 @@ namespace gr::wiforce::kernel {
 /*!
  * \brief What may happen to a sensor, how often and how strongly.
  *
- * docs/press.md has these as a table, and what half and twice of each do. No value counts
- * groups. The longer something has lasted the longer it lasts: a change has the rate
+ * docs/press.md has these as a table, and what half and twice of each do. No value
+ * depends on the length of a group. The longer something has lasted the longer it lasts: a change has the rate
  * 1 / (age + settling_s).
  */
 struct press_parameters {
@@ -20,16 +20,17 @@ struct press_parameters {
     double change_s = 0.03; // mean time that a sudden change takes
     double steady_s = 0.5;  // mean time that a steady change, or a turning tag, goes on
     double turns = 3e-4;    // 1/s: turns of the tag or an antenna, until they are learned
-    double turns_s =
-        10.0; // s: time that this expectation, and that of hands and cables, is worth
+    double turns_per_s = -1.0; // stated rate of turns; negative to learn it
+    double expected_s =
+        10.0; // s: time that expected rates are worth, where they are learned
     double turn_deg = 15.0; // standard deviation of a sudden turn
     double turn_np =
         0.1; // and of the change of amplitude that comes with one by turn_deg
     double hands =
         3e-4; // 1/s: hands that come near, or move there, until they are learned
     double steps =
-        0.003; // 1/s: steps of the receiver's phase or gain, of the tag's level; its
-               // supply fails; moves of a cable, until they are learned
+        0.003; // 1/s: steps of the receiver's phase or gain, and of the tag's level;
+               // until they are learned, failing supplies and moves of a cable
     double rarest = 1e-5;     // 1/s: what happens less often is not followed
     double contact_np = 0.05; // spread of a contact's loss of amplitude
     double aside = 0.1; // rad: error of the direction in which the model moves a press

@@ -26,8 +26,6 @@ from ..press.tares import TareRequests, TareState
 
 # Tag over static path, with two antennas, where no survey has measured it: a strong tag.
 _TAG_RATIO = 0.1
-# Time that a stated rate of turns is worth: longer than any run.
-_STATED_S = 1e9
 
 
 def one_thread() -> Callable[[], AbstractContextManager[object]]:
@@ -315,7 +313,7 @@ def _unseen(sensor: PlannedSensor, plan: Plan) -> SensorState:
     if stated.drift_deg_per_sqrt_s is not None:
         parameters["drift_deg"] = stated.drift_deg_per_sqrt_s
     if stated.turns_per_s is not None:
-        parameters |= {"turns": stated.turns_per_s, "turns_s": _STATED_S}
+        parameters["turns_per_s"] = stated.turns_per_s
     return SensorState(
         lambda: filter_of(sensor.model, carrier_hz, off, stated.off_reflection_std, **parameters),
         PressEvidence(sensor.model, carrier_hz, off, period_s),
