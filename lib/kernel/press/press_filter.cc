@@ -305,7 +305,7 @@ void press_filter::branch_touched(const explanation& from)
     const double quiet = std::max(1 - sudden, 1e-3);
     const double begins = may.steadily / std::max(quiet, may.steadily);
     if (from.turn.goes_on && from.press.steady) {
-        // Both go on, or one of them ends.
+        // Both go on, or one of them ends, or both.
         const double ends = quiet * goes_on * (1 - goes_on);
         change_steadily(
             from, quiet * squared(goes_on), from.press.slides, from.press.speed);
@@ -316,6 +316,10 @@ void press_filter::branch_touched(const explanation& from)
         held.press.steady = false;
         held.press.motion.move(from.turn.velocity);
         turn_slowly(held, ends, course::goes_on);
+        auto both = from;
+        turn_unseen(both, 0.5);
+        both.turn.goes_on = false;
+        stop_changing(both, quiet * squared(1 - goes_on));
     } else if (from.turn.goes_on) {
         turn_slowly(from, quiet * goes_on * (1 - begins), course::goes_on);
         turn_slowly(from, quiet * (1 - goes_on), course::ends);
@@ -328,9 +332,10 @@ void press_filter::branch_touched(const explanation& from)
         begin_turning(from, quiet * goes_on * turns, quiet * goes_on * hands);
         stop_changing(from, quiet * (1 - goes_on));
     } else {
-        hold(from, quiet * (1 - begins) * (1 - turns - hands));
+        const double rests = quiet * (1 - begins);
+        hold(from, rests * (1 - turns - hands));
         begin_changing(from, quiet * begins);
-        begin_turning(from, quiet * turns, quiet * hands);
+        begin_turning(from, rests * turns, rests * hands);
     }
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained, unexplained);
@@ -407,13 +412,14 @@ void press_filter::begin_turning(const explanation& from, double turns, double h
 
 void press_filter::begin_changing(const explanation& from, double probability)
 {
-    const double each = probability / speeds.size();
+    // A finger that warms the line turns both ends as slowly as a force creeps.
+    const bool warms = !from.turn.goes_on && d_set.drift_deg != 0;
+    const double each = probability / (speeds.size() + warms);
     for (std::size_t i = 0; i < speeds.size(); i++) {
         change_steadily(from, (1 - sliding) * each, false, i);
         change_steadily(from, sliding * each, true, i);
     }
-    // A finger that warms the line turns both ends as slowly as a force creeps.
-    if (!from.turn.goes_on && d_set.drift_deg != 0)
+    if (warms)
         turn_slowly(from, each, course::warms, 0, false);
 }
 
@@ -577,7 +583,7 @@ double press_filter::loss_of_merging(const explanation& a,
     }
     if (loss.nats() > most)
         return INFINITY;
-    if (a.is != untouched || a.turn.goes_on) {
+    if ((a.is == mixed ? a.mixture.before : a.is) != untouched || a.turn.goes_on) {
         const auto x = a.press.motion.means(), y = b.press.motion.means(),
                    u = a.press.motion.variances(), v = b.press.motion.variances();
         compare(wrapped(y[0] - x[0]), u[0], v[0], d_common_noise);
@@ -651,7 +657,7 @@ void press_filter::claim_untouched(double probability)
             (next.is == pressed || next.is == unexplained) && !next.press.steady;
         next.is = untouched;
         next.line.known = true;
-        next.turn.goes_on = false;
+        next.turn.goes_on = next.press.steady = false;
         reset_baseline(next);
         if (held) {
             next.line.reset(next.press.motion.phase(), next.press.motion.covariance());
