@@ -60,7 +60,7 @@ press_reading::phases press_reading::phases_of(const press_outcome& of,
     for (int end = 0; end < 2; end++) {
         const complex off = d_sensor.off[end],
                       start = std::polar(1.0, d_sensor.untouched_rad[end]);
-        const complex level = std::exp(complex(of.mean.amplitude[end] - of.amplitude,
+        const complex level = std::exp(complex(of.mean.amplitude[end] - of.amplitude[end],
                                                of.mean.phase[end] - of.baseline[end]));
         const complex circle = on_circle(level, start - off, off);
         const complex switched =
@@ -118,8 +118,7 @@ press_reading::reading press_reading::read(const sensor_group& of,
         by_state[each->is] += each->weight;
         if (each->is != mixed && !each->known)
             doubtful += each->weight;
-        if (each->turns)
-            turning += each->weight;
+        turning += each->weight * each->turns;
         in_part += each->weight * each->in_part;
     }
     const double either =

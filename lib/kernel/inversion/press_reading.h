@@ -15,8 +15,8 @@ namespace gr::wiforce::kernel {
  * \brief Touch, force, location and flags of a sensor's group: the mean over all that may
  * have happened to it.
  *
- * The likeliest explanation and all others that hold a press are inverted, with the
- * covariance of both phases.
+ * The likeliest explanation and all other presses whose untouched line is known are
+ * inverted, with the covariance of both phases.
  */
 class press_reading
 {

@@ -64,8 +64,8 @@ void drift_bank::turn(double by)
 void drift_bank::widen(double variance)
 {
     for (auto& own : d_variance)
-        own += variance;
-    d_estimate.variance += variance;
+        own = std::max(own + variance, least_variance);
+    d_estimate.variance = std::max(d_estimate.variance + variance, least_variance);
 }
 
 void drift_bank::narrow(double ratio)
@@ -76,6 +76,22 @@ void drift_bank::narrow(double ratio)
         d_variance[i] = std::max(ratio * d_variance[i], least_variance);
     }
     summarize();
+}
+
+double drift_bank::with() const
+{
+    double total = 0, sum = 0;
+    for (std::size_t i = 0; i < d_count; i++) {
+        total += d_weight[i];
+        sum += d_weight[i] * d_with[i];
+    }
+    return sum / total;
+}
+
+void drift_bank::tie(double variance)
+{
+    for (auto& with : d_with)
+        with += variance;
 }
 
 void drift_bank::predict(double seconds)

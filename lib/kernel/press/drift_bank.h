@@ -35,6 +35,9 @@ public:
     void widen(double variance);
     //! Something else has been learned of it: its variance is so many times as large.
     void narrow(double ratio);
+    //! Covariance with the one that it carries, and what both moved by, unknown alike.
+    double with() const;
+    void tie(double variance);
     void predict(double seconds);
     //! Takes a phase; gives the log density that was expected of it. `memory` is the part
     //! of the evidence for the rates that is kept. What is below `lowest` is of no use.
@@ -45,7 +48,7 @@ public:
     //! anything (arcsine law, variance 1 / 8), which is the other's doubt.
     double carry(drift_bank& other, double phase, double noise, double memory);
 
-    //! A share of what it says, and the rest of what another says, in one.
+    //! A share of what another says, and the rest of what it says itself, in one.
     void merge(const drift_bank& other, double share);
 
     moments estimate() const { return d_estimate; }

@@ -66,6 +66,12 @@ void drifting_phases::turn(const pair_of_ends& by)
     difference.turn(apart);
 }
 
+void drifting_phases::widen(const phase_covariance& by)
+{
+    common.widen(of_mean(by));
+    difference.widen(of_difference(by));
+}
+
 void drifting_phases::predict(double seconds)
 {
     common.predict(seconds);
@@ -127,8 +133,9 @@ void both_amplitudes::merge(const both_amplitudes& other, double share)
 
 both_ends both_amplitudes::at(const pair_of_ends& phase) const
 {
-    return { std::polar(std::exp(mean + difference / 2), phase[0]),
-             std::polar(std::exp(mean - difference / 2), phase[1]) };
+    const auto own = ends();
+    return { std::polar(std::exp(own[0]), phase[0]),
+             std::polar(std::exp(own[1]), phase[1]) };
 }
 
 void both_amplitudes::grow(const pair_of_ends& by)
@@ -147,6 +154,14 @@ double both_amplitudes::update_mean(double seen, double noise)
     return take(mean, mean_variance, seen, noise);
 }
 
+void average_of_groups::recount(const pair_of_ends& by, const pair_of_ends& gain)
+{
+    for (int e = 0; e < 2; e++) {
+        phase[e] += by[e];
+        amplitude[e] += gain[e];
+    }
+}
+
 pair_of_ends explanation::change(const pair_of_ends& phase) const
 {
     const auto at = line.phase();
@@ -160,10 +175,7 @@ void explanation::recount(const pair_of_ends& phase, const pair_of_ends& gain)
     press.motion.turn(phase);
     line.amplitude.grow(gain);
     press.strength.grow(gain);
-    for (int e = 0; e < 2; e++) {
-        mean.phase[e] += phase[e];
-        mean.amplitude[e] += gain[e];
-    }
+    mean.recount(phase, gain);
     if (is == mixed)
         for (int e = 0; e < 2; e++)
             for (auto* ends : { &mixture.start, &mixture.seen })
@@ -185,8 +197,19 @@ void press_outcome::merge(const press_outcome& other, double share)
         parted, difference_variance, difference, other.difference_variance, share);
     baseline[0] += turned + parted / 2;
     baseline[1] += turned - parted / 2;
-    amplitude += share * (other.amplitude - amplitude);
+    for (int e = 0; e < 2; e++)
+        amplitude[e] += share * (other.amplitude[e] - amplitude[e]);
+    turns += share * (other.turns - turns);
     in_part += share * (other.in_part - in_part);
+}
+
+void press_outcome::recount(const pair_of_ends& phase, const pair_of_ends& gain)
+{
+    for (int e = 0; e < 2; e++) {
+        baseline[e] += phase[e];
+        amplitude[e] += gain[e];
+    }
+    mean.recount(phase, gain);
 }
 
 // By moments: mean and covariance of both.

@@ -26,6 +26,8 @@ enum press_state {
 struct average_of_groups {
     pair_of_ends phase{}, amplitude{}, variance{}; // rad, Np, of each
     pair_of_ends weight{};                         // of the groups before
+
+    void recount(const pair_of_ends& by, const pair_of_ends& gain);
 };
 
 //! What an explanation says of one group.
@@ -35,19 +37,19 @@ struct press_outcome {
     press_state is = untouched;
     // Whether the untouched line is; a first press may have begun before the first group.
     bool known = true;
-    bool turns =
-        false; // the tag turns faster than a finger warms the line, or a cable moves
-    // Probability that the tag was received in a part of the group only.
-    double in_part = 0;
-    pair_of_ends baseline{}; // phases of the untouched line, rad
-    double common_variance = 0, difference_variance = 0; // of their mean and difference
-    double amplitude = 0;                                // of both ends, Np
+    // Probability that the tag turns faster than a finger warms the line, or a cable
+    // moves; and that the tag was received in a part of the group only.
+    double turns = 0, in_part = 0;
+    pair_of_ends baseline{}, amplitude{}; // of the untouched line, rad and Np
+    double common_variance = 0, difference_variance = 0; // of its mean phase, difference
     average_of_groups mean;                              // of what was received
 
     //! Mean and difference of how far the untouched line of another lies beside its own.
     pair_of_ends apart(const press_outcome& other) const;
     //! Become one with another, whose share this is, but for what was received.
     void merge(const press_outcome& other, double share);
+    //! Counted from where everything has turned and grown by this.
+    void recount(const pair_of_ends& phase, const pair_of_ends& gain);
 };
 
 //! Phases of both ends, rad, whose mean and difference drift, each by itself.
@@ -59,6 +61,7 @@ struct drifting_phases {
     //! Begin at phases; what is known of the rates stays.
     void reset(const pair_of_ends& phase, const phase_covariance& covariance);
     void turn(const pair_of_ends& by);
+    void widen(const phase_covariance& by);
     void predict(double seconds);
     //! By how much they drift in this time.
     phase_covariance walk(double seconds) const;
@@ -83,6 +86,7 @@ private:
 struct both_amplitudes {
     double mean = 0, difference = 0, mean_variance = 0, difference_variance = 0;
 
+    pair_of_ends ends() const { return { mean + difference / 2, mean - difference / 2 }; }
     //! Ratios of these amplitudes.
     both_ends at(const pair_of_ends& phase) const;
     void grow(const pair_of_ends& by);
@@ -95,7 +99,9 @@ struct both_amplitudes {
 /*!
  * \brief What may have happened to a sensor up to now, and how likely that is.
  *
- * Each part says what it is about; only while the tag turns they depend on each other.
+ * Each part says what it is about. They depend on each other where a held press drifts or
+ * turns with its line (drift_bank::with), and where off states differ
+ * (held_or_moving::with_common).
  */
 struct explanation {
     double log_weight = 0;
@@ -127,14 +133,13 @@ struct explanation {
         phase_motion motion;  // as it changes steadily,
         drifting_phases held; // or drifts like the untouched line
         bool steady = false, slides = false;
-        std::size_t speed = 0; // of the steady change, of `speeds`
-        // Less than the off states cause.
-        both_amplitudes strength;
+        std::size_t speed = 0;    // of the steady change, of `speeds`
+        both_amplitudes strength; // beside what the off states cause
         double with_common =
             0; // covariance of its difference with the line's common phase
     } press;
 
-    //! Groups in which something changes: from where, what is seen of them, how many.
+    //! Groups in which something changes: from where, and what is seen of the newest.
     struct mixture_of_states {
         press_state before = untouched;
         double age_s = 0; // of the state before
@@ -154,12 +159,6 @@ struct explanation {
     void recount(const pair_of_ends& phase, const pair_of_ends& gain);
     //! Become one with another of the same kind, which has a share of both weights.
     void merge(const explanation& other, double share);
-    //! Amplitudes of line and press change alike, by anything of this variance, Np^2.
-    void widen_amplitudes(double variance)
-    {
-        line.amplitude.mean_variance += variance;
-        press.strength.mean_variance += variance;
-    }
     //! Press from where it is now.
     void hold_level()
     {

@@ -13,7 +13,6 @@ void press_filter::remain_untouched(const explanation& from, double probability)
     auto* const next = follow(from, probability);
     if (!next)
         return;
-    next->turn.goes_on = false;
     next->claimed = from.claimed;
     give(*next, update_baseline(*next), true);
 }
@@ -32,7 +31,7 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     next->turn.sudden = true;
     next->press.motion.rest();
     begin_turn(*next);
-    const auto was = next->press.motion.phase();
+    const auto was = next->press.motion;
     next->press.motion.widen(turned);
     give(*next, follow_turn(*next, was));
 }
@@ -49,12 +48,12 @@ void press_filter::turn_slowly(
     next->turn.by_hand = near;
     if (from.is != untouched)
         next->age_s = 0; // as after a change of force, which looks the same at mid-line
-    if (how == course::begins)
+    if (how == course::begins) // warm fingers say nothing of how often the tag turns
         count_turn(*next, from);
     const bool begins = how == course::begins || how == course::warms;
     if (begins)
         begin_turn(*next);
-    const auto was = next->press.motion.phase();
+    const auto was = next->press.motion;
     if (how != course::ends) {
         const double by = squared(turning_speed(speed)) * (begins ? 1 : d_elapsed_s) / 2;
         next->press.motion.widen_velocity({ by, by, by });
@@ -65,7 +64,6 @@ void press_filter::turn_slowly(
     give(*next, follow_turn(*next, was));
 }
 
-// What a finger turns says nothing of how often the tag turns.
 void press_filter::count_turn(explanation& to, const explanation& from) const
 {
     (to.turn.by_hand ? to.turn.hands : to.turn.seen) += sees_turns(from);
@@ -80,15 +78,18 @@ void press_filter::begin_turn(explanation& to) const
 }
 
 // Both ends turn alike, whether they are touched or not, and the untouched line with
-// them.
-double press_filter::follow_turn(explanation& to, const pair_of_ends& was) const
+// them: by how much is known as well as where they were and are.
+double press_filter::follow_turn(explanation& to, const phase_motion& was) const
 {
     drift(to);
     const double phases = to.press.motion.update(d_group.phase, d_noise);
+    const double tied = to.is == untouched ? 0 : to.press.held.common.with();
     to.hold_level();
-    const auto is = to.press.motion.phase();
-    const double by = (is[0] - was[0] + is[1] - was[1]) / 2;
+    const double by = to.press.motion.means()[0] - was.means()[0],
+                 error = to.press.motion.variances()[0];
     to.line.common.turn(by);
+    to.line.common.widen(was.variances()[0] - 2 * tied + error);
+    to.press.held.common.tie(error);
     const double likelihood = update_turned(
         to,
         phases,
@@ -176,8 +177,7 @@ void press_filter::move_line(const explanation& from, double probability)
     next->is = untouched;
     next->turn.moved += sees_turns(from);
     move_cable(*next, next->line.amplitude);
-    next->line.common.widen(variance / 2);
-    next->line.difference.widen(2 * variance);
+    next->line.widen({ variance, variance, 0 });
     give(*next, update_baseline(*next));
 }
 
@@ -212,6 +212,10 @@ void press_filter::move_beside_press(const explanation& from, double probability
         const double likelihood = motion.update(d_group.phase, d_noise);
         const auto is = motion.phase();
         next->line.turn({ ends[0] * (is[0] - was[0]), ends[1] * (is[1] - was[1]) });
+        const auto error = motion.covariance();
+        next->line.widen({ ends[0] * error.first,
+                           ends[1] * error.second,
+                           ends[0] * ends[1] * error.both });
         next->hold_level();
         give(*next, update_strength(*next, likelihood));
     }
@@ -254,6 +258,8 @@ void press_filter::change_steadily(const explanation& from,
     auto* const next = follow(from, probability);
     if (!next)
         return;
+    if (!from.press.steady)
+        next->hold_level();
     next->press.steady = true;
     next->press.slides = slides;
     next->press.speed = speed;
@@ -338,7 +344,8 @@ void press_filter::turn_unseen(explanation& to, double part) const
     if (!to.press.steady) // else its velocity holds that of the turn
         to.press.motion.turn(part * by);
     if (to.turn.by_hand)
-        to.widen_amplitudes(part * hand_variance(to.turn.speed));
+        for (auto* amplitudes : { &to.line.amplitude, &to.press.strength })
+            amplitudes->mean_variance += part * hand_variance(to.turn.speed);
 }
 
 void press_filter::mix(const explanation& from, double probability, double ends)

@@ -76,7 +76,7 @@ std::uint64_t kind_of(const explanation& of)
 // What readings cannot tell apart.
 bool reads_alike(const press_outcome& a, const press_outcome& b)
 {
-    if (a.is != b.is || a.known != b.known || a.turns != b.turns)
+    if (a.is != b.is || a.known != b.known)
         return false;
     const auto& noise = a.mean.variance;
     const double both = noise[0] + noise[1];
@@ -133,9 +133,9 @@ void press_filter::take(const press_observation& group)
                 group.common_variance };
     d_difference_noise = noise[0] + noise[1] + 2 * floor;
     d_common_noise = d_difference_noise / 4 + group.common_variance;
-    d_amplitude_noise = (noise[0] + noise[1]) / 4 + squared(d_set.amplitude_np) / 2;
-    d_amplitude = (group.amplitude[0] + group.amplitude[1]) / 2;
-    d_amplitude_difference = group.amplitude[0] - group.amplitude[1];
+    const double each = (noise[0] + noise[1]) / 4 + squared(d_set.amplitude_np) / 2;
+    d_seen = { 0, 0, each, 4 * each };
+    d_seen.grow(group.amplitude);
     find_peaks();
     d_next.clear();
     d_best = lost;
@@ -204,7 +204,7 @@ void press_filter::start(const press_observation& group)
 
 // ---- what may have happened
 
-void press_filter::branch(explanation& from)
+void press_filter::branch(const explanation& from)
 {
     if (from.is == mixed)
         branch_mixed(from);
@@ -257,8 +257,7 @@ void press_filter::with_courses(const explanation& from,
     const double turns = turn_probability(from), hands = hand_probability(from);
     const auto widen = [](explanation& other, double phase, double amplitude) {
         other.line.common.widen(phase);
-        other.press.motion.widen({ phase, phase, phase });
-        other.widen_amplitudes(amplitude);
+        other.line.amplitude.mean_variance += amplitude;
     };
     event(from, probability * (1 - turns - hands));
     course(turns, [&](explanation& other) {
@@ -568,11 +567,11 @@ double press_filter::loss_of_merging(const explanation& a,
     };
     const auto compare_amplitudes = [&](const both_amplitudes& x,
                                         const both_amplitudes& y) {
-        compare(y.mean - x.mean, x.mean_variance, y.mean_variance, d_amplitude_noise);
+        compare(y.mean - x.mean, x.mean_variance, y.mean_variance, d_seen.mean_variance);
         compare(y.difference - x.difference,
                 x.difference_variance,
                 y.difference_variance,
-                4 * d_amplitude_noise);
+                d_seen.difference_variance);
     };
     if (a.line.known) {
         const auto x = a.line.common.estimate(), y = b.line.common.estimate();
@@ -703,19 +702,11 @@ void press_filter::change_reference(const pair_of_ends& phase, const pair_of_end
         d_group.phase[e] += phase[e];
         d_group.amplitude[e] += by[e];
     }
-    const double amplitude = (by[0] + by[1]) / 2;
-    d_amplitude += amplitude;
-    d_amplitude_difference += by[0] - by[1];
+    d_seen.grow(by);
     for (auto& kept : d_kept) {
         kept.recount(phase, by);
-        for (auto* group : { &kept.now, &kept.last }) {
-            group->amplitude += amplitude;
-            for (int e = 0; e < 2; e++) {
-                group->mean.phase[e] += phase[e];
-                group->mean.amplitude[e] += by[e];
-                group->baseline[e] += phase[e];
-            }
-        }
+        kept.now.recount(phase, by);
+        kept.last.recount(phase, by);
     }
 }
 

@@ -75,7 +75,7 @@ private:
     // press_filter.cc: what may follow, and what is kept of it.
     void start(const press_observation& group);
     void follow_receiver(const press_observation& group);
-    void branch(explanation& from);
+    void branch(const explanation& from);
     void branch_untouched(const explanation& from);
     void branch_touched(const explanation& from);
     void branch_mixed(const explanation& from);
@@ -133,7 +133,7 @@ private:
     void move_cable(explanation& to, both_amplitudes& own) const;
     void begin_turn(explanation& to) const;
     void count_turn(explanation& to, const explanation& from) const;
-    double follow_turn(explanation& to, const pair_of_ends& was) const;
+    double follow_turn(explanation& to, const phase_motion& was) const;
     void part_turn(explanation& to,
                    const pair_of_ends& was,
                    const pair_of_ends& direction,
@@ -183,7 +183,6 @@ private:
     bool shows_turns(const explanation& of) const;
     bool sees_turns(const explanation& of) const;
     both_amplitudes seen_strength(const explanation& of) const;
-    both_amplitudes seen_amplitude() const;
 
     // Groups in which something changes.
     static double chord(const mixture& seen,
@@ -214,8 +213,8 @@ private:
     double d_elapsed_s = 0;     // since the group before
     double d_lasted_s = 0;      // since the first
     phase_covariance d_noise;
-    double d_common_noise = 0, d_difference_noise = 0, d_amplitude_noise = 0;
-    double d_amplitude = 0, d_amplitude_difference = 0; // mean of both ends
+    double d_common_noise = 0, d_difference_noise = 0;
+    both_amplitudes d_seen; // as if nothing but the group were known
     // Of the explanation that is followed: that the tag's supply fails in the group, or
     // not.
     double d_log_fails = 0, d_log_works = 0;

@@ -17,8 +17,8 @@ constexpr double least_variance = 1e-12; // of a contact's loss, Np^2
 // No event predicts a group better than its noise, and what contacts look like, allow.
 void press_filter::find_peaks()
 {
-    d_amplitude_peak = std::max(log_normal(0, d_amplitude_noise), 0.0) +
-                       log_normal(0, 4 * d_amplitude_noise);
+    d_amplitude_peak = std::max(log_normal(0, d_seen.mean_variance), 0.0) +
+                       log_normal(0, d_seen.difference_variance);
     d_contact_peak =
         std::max(log_any_phases, std::log(d_image->largest_density() + 1e-12));
     d_peak = std::max(phase_peak({}), d_contact_peak);
@@ -118,6 +118,7 @@ void press_filter::step_receiver(explanation& to) const
     to.recount({ by, by }, { gain, gain });
     to.line.common.widen(variance);
     to.press.held.common.widen(variance);
+    to.press.held.common.tie(variance);
     to.press.motion.widen({ variance, variance, variance });
     to.line.amplitude.mean_variance += variance;
     to.press.strength.mean_variance += variance;
@@ -134,8 +135,8 @@ bool press_filter::step_level(explanation& to) const
     before.is = to.mixture.before;
     const auto was =
         before.is == untouched ? before.line.amplitude : seen_strength(before);
-    const double by = d_amplitude - was.mean,
-                 variance = was.mean_variance + d_amplitude_noise,
+    const double by = d_seen.mean - was.mean,
+                 variance = was.mean_variance + d_seen.mean_variance,
                  prior = happens(d_set.steps),
                  log_step = std::log(prior + 1e-300) -
                             std::log(2 * std::sqrt(squared(by) + variance) * step_span);
@@ -151,7 +152,7 @@ bool press_filter::step_level(explanation& to) const
 void press_filter::reset_baseline(explanation& to) const
 {
     to.line.reset(d_group.phase, d_noise);
-    to.line.amplitude = seen_amplitude();
+    to.line.amplitude = d_seen;
 }
 
 void press_filter::drift(explanation& to) const
@@ -222,25 +223,24 @@ double press_filter::hand_variance(std::size_t speed) const
            std::max(d_elapsed_s, least_turn_s);
 }
 
-// Of both, as far as the tag was received: where its supply has failed, they are those of
-// any share of the group.
 double press_filter::update_amplitude(explanation& of, both_amplitudes& own) const
 {
     const auto caused = caused_by_off(of, d_group.phase);
     const double likelihood =
-        update_mean(of, own, d_amplitude - (caused[0] + caused[1]) / 2);
-    return likelihood +
-           own.update_difference(d_amplitude_difference - (caused[0] - caused[1]),
-                                 4 * d_amplitude_noise);
+        update_mean(of, own, d_seen.mean - (caused[0] + caused[1]) / 2);
+    return likelihood + own.update_difference(d_seen.difference - (caused[0] - caused[1]),
+                                              d_seen.difference_variance);
 }
 
+// As far as the tag was received: where its supply has failed, both amplitudes are those
+// of any share of the group.
 double press_filter::update_mean(explanation& of, both_amplitudes& own, double seen) const
 {
     const double off = seen - own.mean, above = std::max(off, 0.0);
     const double part = d_log_fails + off - above -
-                        squared(above) / 2 / (own.mean_variance + d_amplitude_noise);
+                        squared(above) / 2 / (own.mean_variance + d_seen.mean_variance);
     auto taken = own;
-    const double all = d_log_works + taken.update_mean(seen, d_amplitude_noise);
+    const double all = d_log_works + taken.update_mean(seen, d_seen.mean_variance);
     if (all > part)
         own = taken;
     of.in_part = 1 / (1 + std::exp(all - part));
@@ -307,10 +307,10 @@ double press_filter::update_turn(explanation& to) const
         expected = d_off.amplitude(change);
         const double slope = -d_off.slope(change);
         variance = slope * slope * known + 2 * slope * to.press.with_common +
-                   own.difference_variance + 4 * d_amplitude_noise;
+                   own.difference_variance + d_seen.difference_variance;
         by_turn = (slope * known + to.press.with_common) / variance;
         by_loss = (slope * to.press.with_common + own.difference_variance) / variance;
-        off = d_amplitude_difference - (expected[0] - expected[1]) - own.difference +
+        off = d_seen.difference - (expected[0] - expected[1]) - own.difference +
               slope * turned;
         turned = by_turn * off;
         again = !again && std::abs(turned) > deg;
@@ -320,9 +320,11 @@ double press_filter::update_turn(explanation& to) const
         std::max(own.difference_variance - squared(by_loss) * variance, least_variance);
     to.press.with_common -= by_turn * by_loss * variance;
     to.line.common.turn(turned);
-    to.line.common.narrow(std::max(1 - squared(by_turn) * variance / known, 1e-6));
+    const double ratio = std::max(1 - squared(by_turn) * variance / known, 1e-6);
+    to.line.common.narrow(ratio);
+    to.press.held.common.tie((ratio - 1) * to.press.held.common.with());
     return log_normal(off, variance) +
-           update_mean(to, own, d_amplitude - (expected[0] + expected[1]) / 2);
+           update_mean(to, own, d_seen.mean - (expected[0] + expected[1]) / 2);
 }
 
 // Of a contact that loses something, or nothing, where the off states differ. A press is
@@ -355,17 +357,10 @@ void press_filter::begin_press(explanation& to) const
 // Of a press of which nothing but this group is known.
 void press_filter::see_strength(explanation& to) const
 {
-    to.press.strength = seen_amplitude();
+    to.press.strength = d_seen;
     const auto caused = caused_by_off(to, d_group.phase);
     to.press.strength.grow({ -caused[0], -caused[1] });
     to.press.with_common = 0;
-}
-
-both_amplitudes press_filter::seen_amplitude() const
-{
-    return {
-        d_amplitude, d_amplitude_difference, d_amplitude_noise, 4 * d_amplitude_noise
-    };
 }
 
 double press_filter::density(const explanation& of, const pair_of_ends& phase) const
@@ -446,10 +441,9 @@ double press_filter::pressed_in_part(const mixture& from) const
     return log_sum(std::log1p(-any_share) + here, std::log(any_share));
 }
 
-both_ends press_filter::seen_ratio() const { return seen_amplitude().at(d_group.phase); }
+both_ends press_filter::seen_ratio() const { return d_seen.at(d_group.phase); }
 
-// In which more force moves both phases, and its variance, rad^2; any where the model
-// does not say it.
+// In which more force moves both phases; any where the model does not say it.
 pair_of_ends press_filter::press_direction(const explanation& of) const
 {
     return of.line.known ? d_image->direction(of.change(of.press.motion.phase()))
@@ -472,12 +466,12 @@ press_filter::outcome press_filter::describe(const explanation& of) const
              0,
              of.is,
              of.line.known,
-             (of.turn.sudden || turns) && !shows_turns(of),
+             (of.turn.sudden || turns) && !shows_turns(of) ? 1.0 : 0.0,
              of.in_part,
              of.line.phase(),
+             of.line.amplitude.ends(),
              common.variance,
              apart.variance,
-             of.line.amplitude.mean,
              of.mean };
 }
 

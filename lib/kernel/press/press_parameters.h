@@ -7,8 +7,8 @@ namespace gr::wiforce::kernel {
  * \brief What may happen to a sensor, how often and how strongly.
  *
  * docs/press.md has these as a table, and what half and twice of each do. No value
- * depends on the length of a group. The longer something has lasted the longer it lasts: a change has the rate
- * 1 / (age + settling_s).
+ * depends on the length of a group. The longer something has lasted the longer it lasts:
+ * a change has the rate 1 / (age + settling_s).
  */
 struct press_parameters {
     double period_s = 0.036; // length of a group

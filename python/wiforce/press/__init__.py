@@ -3,6 +3,6 @@
 
 A filter (``lib/kernel/press``, see docs/press.md) keeps a few weighted explanations of what
 a sensor has shown: untouched, pressed, touched in a way that the model does not contain, or
-changing inside a group. A reading is the mean over the likeliest one and all other presses, so that
-one that the data do not exclude widens its standard deviation.
+changing inside a group. A reading is the mean over the likeliest one and all other presses whose
+untouched line is known, so that one that the data do not exclude widens its standard deviation.
 """

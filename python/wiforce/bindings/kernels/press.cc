@@ -162,9 +162,9 @@ void bind_press(py::module& m)
                          turns,
                          in_part,
                          baseline,
+                         amplitude,
                          common_variance,
                          difference_variance,
-                         amplitude,
                          mean);
     PYBIND11_NUMPY_DTYPE(press_parameters,
                          period_s,
