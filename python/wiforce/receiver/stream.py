@@ -309,7 +309,7 @@ class StreamReader:
         try:
             readings = self._receiver.finish()
             self._use(better, last + 1)
-            self._receiver.reference.begin_at(kept.first)
+            self._receiver.difference.begin_at(kept.first)
             return readings + self._read(kept.groups)
         finally:
             self._exchanged = ""
