@@ -27,7 +27,7 @@ STAGES = (
     ("fold", "snapshots of 64", "17 361/s", "lib/kernel/fold"),
     ("tones", "lines of the tags", "27.8/s", "lib/kernel/doppler"),
     ("separation", "channels of the ends", "27.8/s", "lib/kernel/separation"),
-    ("reference", "change of each end", "27.8/s", "estimation/phases"),
+    ("difference", "change of each end", "27.8/s", "estimation/phases"),
     ("average", "ratio R of each end", "27.8/s", "estimation/phases"),
     ("press", "what happened", "27.8/s", "press, lib/kernel/press"),
     ("readout", "force, location, flags", "27.8/s", "press, lib/kernel/inversion"),
@@ -79,7 +79,8 @@ def signal_path():
         label(
             20,
             268,
-            "grey: C++; blue: arrays of a batch, in NumPy and C++; red: group after group",
+            "grey: C++; blue: arrays of a batch, in NumPy and C++; red: group after group; "
+            "the last five are the stages of Receiver",
             FAINT,
             13,
             "start",

@@ -17,7 +17,6 @@ _BLOCKS_IN_CPP = (
     "recording_source",
 )
 _BLOCKS_IN_PYTHON = {
-    "captures": ("capture_source", "sigmf_recorder"),
     "chain": (
         "clock_offset",
         "conjugate_difference",
@@ -29,6 +28,7 @@ _BLOCKS_IN_PYTHON = {
     "displays": ("doppler_display", "force_display", "phase_display", "trend_display"),
     "frame_alignment": ("frame_alignment",),
     "reader": ("reader",),
+    "sample_files": ("capture_source", "sigmf_recorder"),
     "snapshots": ("antenna_ratio",),
     "sounding": ("backscatter_tag", "sounding_source"),
     "usrp": ("usrp",),

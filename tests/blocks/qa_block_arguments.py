@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gnuradio import gr, wiforce
 from gnuradio.wiforce import blocks
-from gnuradio.wiforce.blocks.captures import capture_source
+from gnuradio.wiforce.blocks.sample_files import capture_source
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.wiforce_kernels import tone_reader
 

@@ -257,7 +257,7 @@ def test_frame_alignment_and_capture_source_name_why_there_are_no_frames(
     )
     assert sentence.startswith("frame_alignment: ") and cause in sentence
     samples.tofile(tmp_path / "press.bin")
-    logged = warned_in("captures")
+    logged = warned_in("sample_files")
     wiforce.capture_source(tmp_path / "press.bin", SCENE, datatype="cf32_le")
     (sentence,) = logged
     assert sentence.startswith("capture_source: ")

@@ -9,7 +9,7 @@ import numpy as np
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.io.readings import SurfaceReading
-from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
+from gnuradio.wiforce.receiver.snapshot_reader import SnapshotReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from wiforce_app.read.recordings import read_capture

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The build tree's launchers in a checkout whose path has characters that shells interpret."""
+"""The build tree: its launchers where shells interpret a path, and its tests."""
 
+import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -42,3 +44,20 @@ def test_run_in_a_checkout_with_an_unusual_path_finds_its_packages(tmp_path):
         f"{source}/.venv/lib/python3.11/site-packages",
     ]
     assert used == f"interpreter of {source}/.venv/bin"
+
+
+def test_ctest_runs_the_python_tests_too_but_bootstrap_once():
+    """`make test` passed when only C++ had been tested."""
+    command = ["ctest", "--test-dir", ROOT / "build", "--show-only=json-v1"]
+    (excluded,) = re.findall(r"--exclude-regex '(.*?)'", (ROOT / "bootstrap").read_text())
+    listed, left = (
+        {test["name"]: test["command"] for test in json.loads(shown.stdout)["tests"]}
+        for shown in (
+            subprocess.run(
+                [*command, *more], capture_output=True, text=True, check=True, timeout=60
+            )
+            for more in ([], ["--exclude-regex", excluded])
+        )
+    )
+    assert listed["python"][:3] == [str(ROOT / "build/run"), "pytest", "tests"]
+    assert listed.keys() - left.keys() == {"python"} and "qa_timeline" in left

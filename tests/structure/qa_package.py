@@ -10,7 +10,7 @@ import yaml
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording_reader import RecordingReader
 from gnuradio.wiforce.receiver.stream import StreamReader
 from gnuradio.wiforce.scene import load_scene
 

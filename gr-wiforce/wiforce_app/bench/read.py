@@ -21,7 +21,7 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.adaptation import adapted
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver import Receiver
-from gnuradio.wiforce.receiver.recording import groups_of, survey_recording
+from gnuradio.wiforce.receiver.recording_reader import groups_of, survey_recording
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 

@@ -15,7 +15,7 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.expected import MEDIAN, phase_std_deg
 from gnuradio.wiforce.planning.plan import HARMONICS, Plan, plan
 from gnuradio.wiforce.receiver import Receiver
-from gnuradio.wiforce.receiver.recording import groups_of
+from gnuradio.wiforce.receiver.recording_reader import groups_of
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth import score

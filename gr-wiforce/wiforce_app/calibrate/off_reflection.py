@@ -6,6 +6,7 @@ import numpy as np
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.phases.off_state import estimate_off_reflection
 from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.readings import RECEPTION, Flag
 from gnuradio.wiforce.scene import scene_of
 
 from ..read.recordings import read_capture
@@ -13,7 +14,7 @@ from ..shell.log import progress
 from ..shell.options import capture_scene, sample_type
 
 # Flags of groups in which the reflection is not constant.
-_UNSTEADY = {"gap", "transition", "moved"}
+_UNSTEADY = (RECEPTION & ~(Flag.REFERENCE | Flag.SATURATED)).words
 
 
 @click.command("off-reflection")

@@ -189,7 +189,7 @@ def live(
                         f"--zmq {zmq_endpoint}: everybody who reaches this address can read and "
                         "subscribe; --zmq-keys encrypts, and accepts known clients only"
                     )
-            _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata, run)
+            _add_optional_outputs(outputs, scene, mcap, foxglove, lsl, metadata, run)
             endpoints = [(control, keys)] if control else []
             if web is not None:
                 endpoints.append((_open_page(outputs, web, web_token), None))
@@ -218,7 +218,8 @@ def _keys_of(zmq_endpoint, control, folder):
     return ServerKeys.load(folder)
 
 
-def _add_robotics_and_laboratory(outputs, scene, mcap, foxglove, lsl, metadata, run):
+def _add_optional_outputs(outputs, scene, mcap, foxglove, lsl, metadata, run):
+    """Add the outputs whose libraries few users have (``io/optional.py``)."""
     if mcap is not None:
         from gnuradio.wiforce.io.files.mcap_file import McapWriter
 

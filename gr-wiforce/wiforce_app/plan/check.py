@@ -105,7 +105,7 @@ def _receive(scene, request):
     """The device, a session that has run a little longer than the reference, its first frames."""
     import time
 
-    from gnuradio.wiforce.blocks.captures import sample_keeper
+    from gnuradio.wiforce.blocks.sample_files import sample_keeper
 
     from ..live.radio_keeper import RadioKeeper
     from ..live.session import LiveSession

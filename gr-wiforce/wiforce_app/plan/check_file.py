@@ -29,7 +29,7 @@ from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 from gnuradio.wiforce.planning.advice import outside_band
 from gnuradio.wiforce.planning.findings import measure_tags, other_clocks, wrong_clocks
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording_reader import RecordingReader
 from gnuradio.wiforce.scene import scene_of
 from gnuradio.wiforce.scene.consistency import ONE_ANTENNA, lacks_antenna
 from gnuradio.wiforce.signal.lines import lamp_distances_hz

@@ -7,7 +7,7 @@ import threading
 import time
 
 from gnuradio import gr, wiforce
-from gnuradio.wiforce.blocks.captures import capture_stream
+from gnuradio.wiforce.blocks.sample_files import capture_stream
 from gnuradio.wiforce.estimation.capture.frame import describe_frames, searched_samples
 from gnuradio.wiforce.estimation.capture.recorded_frames import find_frames, first_frame
 from gnuradio.wiforce.io.capture import open_capture

@@ -9,7 +9,7 @@ from gnuradio.wiforce.io.csi_tools import tool_of
 from gnuradio.wiforce.planning.findings import findings, other_clocks, wrong_clocks
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.press.sensor_state import describe_doubt
-from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording_reader import RecordingReader
 from gnuradio.wiforce.scene import accepted_suspicions
 
 from ..shell.log import log
@@ -37,7 +37,7 @@ def open_reader(recording, settings, frame_offset, tracked):
     if of_samples:
         reader = _reader_of(recording, settings, frame_offset, tracked)
     else:
-        from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
+        from gnuradio.wiforce.receiver.snapshot_reader import SnapshotReader
 
         reader = SnapshotReader(recording, settings, tracked)
     for note in reader.notes:

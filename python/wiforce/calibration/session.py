@@ -43,7 +43,7 @@ _DRIFT_STDS, _JUMP_STDS = 5.0, 6.0
 # one of them, a single bad group two. For normal noise and n groups the estimate is low by the
 # factor 1 + 5 / n.
 _LEFT_OUT, _LOW_BY = 2, 5.0
-# Flags of what is received. The others state how the scene's provisional model explains the
+# Flags of RECEPTION. The others state how the scene's provisional model explains the
 # phases, which is what the calibration is to replace.
 _REFUSED = {
     "reference": "the untouched reference is being measured; release the sensor and wait",

@@ -104,7 +104,7 @@ class Groups:
     disturbed : ndarray of bool, shape (G, S)
         Whether something is received on the tag's own lines that is no noise.
     changes : ndarray of complex, shape (G, 2S, K)
-        By the reference: V_i conj(V_ref,i) over the reference's power.
+        By the difference: V_i conj(V_ref,i) over the reference's power.
     new_reference : ndarray of bool, shape (G,)
         Whether this group is the first that is compared with its reference: the first of a run, or
         the first after a tare.

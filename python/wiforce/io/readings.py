@@ -40,6 +40,21 @@ class Flag(enum.Flag):
         """The word of a single flag in files of readings."""
         return str(self.name).lower().replace("_", "-")
 
+    @property
+    def words(self) -> frozenset[str]:
+        """The words of a combination of flags."""
+        return frozenset(flag_words(self.value))
+
+
+# By meaning, for those who decide by flags. EXPLANATION says how force and location of the sensor
+# file explain the phases; every other flag, a new one too, says how the group was received.
+EXPLANATION = (
+    Flag.WEAK | Flag.AMBIGUOUS | Flag.FORCE_UNOBSERVABLE | Flag.INCONSISTENT | Flag.EXTRAPOLATED
+)
+RECEPTION = ~EXPLANATION
+# With these the phases may be others than those of one force and location.
+DOUBTED = RECEPTION | Flag.AMBIGUOUS | Flag.INCONSISTENT
+
 
 @cache
 def flag_words(bits: int) -> tuple[str, ...]:

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..estimation.groups import Array, Groups
-from ..io.readings import WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, SurfaceReading, flag_words
+from ..io.readings import DOUBTED, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, SurfaceReading, flag_words
 
 if TYPE_CHECKING:
     from ..surface.estimator import SurfaceEstimator, SurfaceFound
 
 # A strip with one of these flags shows phases that its force and location do not explain.
-_LEFT_OUT = (Flag.MOVED | Flag.SATURATED | Flag.INCONSISTENT | Flag.AMBIGUOUS).value
+_LEFT_OUT = (DOUBTED & ~(Flag.REFERENCE | Flag.GAP | Flag.TRANSITION)).value
 # What concerns a press on the surface, whichever strip it is found on.
-_OF_ANY = _LEFT_OUT | (Flag.REFERENCE | Flag.GAP | Flag.TRANSITION).value
+_OF_ANY = DOUBTED.value
 # What concerns it where the strip bears most of it.
 _OF_MAIN = (Flag.EXTRAPOLATED | Flag.FORCE_UNOBSERVABLE).value
 

@@ -31,8 +31,8 @@ from ..planning.plan import Plan
 from ..planning.plan import plan as plan_of
 from ..scene import Scene, accepted_suspicions, load_scene, scene_of
 from ..simulation.simulator import simulate as write_simulated
-from .recording import CaptureReader, RecordingReader
-from .snapshot_recording import SnapshotReader
+from .recording_reader import CaptureReader, RecordingReader
+from .snapshot_reader import SnapshotReader
 
 if TYPE_CHECKING:
     import pandas

@@ -82,12 +82,12 @@ class Receiver:
 
     Notes
     -----
-    A batch passes five stages, each of which adds arrays to it (docs/theory.md; step by step in
-    docs/tutorial.md): separation of the tags' ends at the tracked clock, difference against the
-    untouched reference, average over the subcarriers, what may have happened to the sensor, and
-    what it says of force and location. Groups are held back until clocks and reference are known,
-    and each group until the next one has been received. The readings do not depend on how groups
-    are divided into batches.
+    A batch passes five stages (docs/theory.md; step by step in docs/tutorial.md): separation of
+    the tags' ends at the tracked clock, difference against the untouched reference, average over
+    the subcarriers, press (what may have happened to the sensor), and readout (what it says of
+    force and location). The first three add arrays to the batch. Groups are held back until clocks
+    and reference are known, and each group until the next one has been received. The readings do
+    not depend on how groups are divided into batches.
 
     Examples
     --------
@@ -117,13 +117,13 @@ class Receiver:
         self.separation = estimator.separator(
             plan.table, plan.clocks, plan.waveform, derotated, plan.others
         )
-        self.reference = estimator.difference(
+        self.difference = estimator.difference(
             len(plan.clocks), plan.reference_groups, plan.waveform
         )
         self.average = SubcarrierAverage()
         self.readout = make_readout(plan, tracked, on_groups, first_group, counts, states)
         self.tares = TareRequests(
-            self.reference, self.readout.sensors, plan.group_period_s, plan.start_s
+            self.difference, self.readout.sensors, plan.group_period_s, plan.start_s
         )
         self._separated, self._newest = False, -1
         self._one_thread = one_thread()
@@ -184,7 +184,7 @@ class Receiver:
         """
         with self._one_thread():
             separated = self.separation.flush()
-        readings = self.read(separated) + self._read(self.reference.flush())
+        readings = self.read(separated) + self._read(self.difference.flush())
         return readings + self.readout.flush(groups)
 
     def tare(self, force: bool = False) -> TareState:
@@ -216,7 +216,7 @@ class Receiver:
         """What the receiver is doing: ``acquiring``, ``reference`` or ``reading``."""
         if not self._separated:
             return "acquiring"
-        if self.tares.measuring or not self.reference.started:
+        if self.tares.measuring or not self.difference.started:
             return "reference"
         seen = any(sensor.state.seen for sensor in self.readout.sensors.values())
         return "reading" if seen else "acquiring"
@@ -249,10 +249,10 @@ class Receiver:
             # One by one, since what a group shows decides on the reference of the next one.
             index = int(groups.index[0])
             self.tares.before(index)
-            readings += self._read(self.reference.process(groups[:1]))
+            readings += self._read(self.difference.process(groups[:1]))
             self.tares.after(index)
             groups = groups[1:]
-        readings += self._read(self.reference.process(groups))
+        readings += self._read(self.difference.process(groups))
         if len(groups):
             self.tares.after(int(groups.index[-1]))
         return readings

@@ -15,7 +15,7 @@ from ..estimation.capture.compression import Compression, measure_compression
 from ..estimation.capture.folded_groups import FoldedGroups, Slips, SnapshotGroup
 from ..estimation.groups import Array, Groups
 from ..estimation.room.survey import Survey
-from ..io.readings import GroupCounts, Reading
+from ..io.readings import DOUBTED, Flag, GroupCounts, Reading
 from ..planning.adaptation import (
     adapted,
     expecting_snr,
@@ -32,7 +32,7 @@ from .receiver import Receiver
 
 # Flags of untouched groups in which the tag or the receiver may have changed, or the sensor may be
 # touched after all, as while a reference is unverified.
-_UNSTEADY = {"ambiguous", "gap", "inconsistent", "moved", "saturated", "transition"}
+_UNSTEADY = (DOUBTED & ~Flag.REFERENCE).words
 
 
 class Occasion(Enum):
@@ -309,7 +309,7 @@ class StreamReader:
         try:
             readings = self._receiver.finish()
             self._use(better, last + 1)
-            self._receiver.reference.begin_at(kept.first)
+            self._receiver.difference.begin_at(kept.first)
             return readings + self._read(kept.groups)
         finally:
             self._exchanged = ""

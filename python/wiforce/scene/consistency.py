@@ -7,8 +7,8 @@ from typing import Any
 
 from ..errors import InputError
 from ..io.text.values import KeyPath
-from .effects import PressForce
 from .schema import Scene
+from .simulated import PressForce
 from .surface import surface_violations
 
 # What breaks a rule: dotted key, rule and value, where the rule does not state the value itself.

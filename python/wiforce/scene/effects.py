@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What real rooms and radios add to a simulated scene: one optional mapping per effect."""
+"""What rooms, radios, beams and hands add to a simulated scene: a mapping per effect."""
 
-from ..io.text.schema import Derived, declared, key
+from ..io.text.schema import declared, key
 from ..io.text.values import Choice, Integer, Number, Scope
 
 _LEVEL = Number(unit="dB", low=-100, high=100)
@@ -259,73 +259,6 @@ class Hand:
         default=2.0,
         doc="Amplitude of its movement while it presses, at 0.7 Hz.",
     )
-
-
-LONGEST_S = 1e6
-TIME = Number(unit="s", low=0, high=LONGEST_S)
-POSITION = Number(unit="mm", low=-10_000, high=10_000)
-
-
-@declared
-class Plate:
-    """A skin that acts as a thin plate on an elastic foundation."""
-
-    reach_mm: float = key(
-        Number(unit="mm", low=0.5, high=1000),
-        default=10.0,
-        doc="1/k of the plate: its pressure falls with the distance across as exp(-kd) "
-        "(cos kd + sin kd).",
-    )
-    bearing_mm: float | None = key(
-        Number(unit="mm", low=0.1, high=1000, optional=True),
-        doc="Width over which a strip bears the plate; null means the median distance of the "
-        "strips, so that they bear all of the force.",
-    )
-
-
-@declared
-class PressForce:
-    """A press: force rises from 0, changes linearly while it is held, falls to 0 again."""
-
-    start_s: float = key(
-        TIME,
-        doc="Start of the press, not before `reference_s`.",
-    )
-    rise_s: float = key(
-        TIME,
-        default=0.1,
-        doc="Time in which the force rises from 0 to `force_n`, and falls to 0 at the end.",
-    )
-    hold_s: float = key(
-        TIME,
-        doc="Time in which the force changes linearly from `force_n` to `end_force_n`.",
-    )
-    force_n: float = key(
-        Number(unit="N", low=0, above=True, high=1000), doc="Force after the rise."
-    )
-    end_force_n: float = key(
-        Number(unit="N", low=0, high=1000),
-        derived=Derived("`force_n`", lambda scope: scope["force_n"]),
-        doc="Force before the fall.",
-    )
-    tremor_n: float = key(
-        Number(unit="N", low=0, high=100),
-        default=0.0,
-        doc="Rms of a hand's tremor (8 to 12 Hz) about the stated force.",
-    )
-
-    @property
-    def end_s(self) -> float:
-        """Time at which the force is 0 again, in s."""
-        return self.start_s + self.hold_s + 2 * self.rise_s
-
-
-@declared
-class SurfacePress(PressForce):
-    """A press on the surface."""
-
-    x_mm: float = key(POSITION, doc="Where it is along the strips.")
-    y_mm: float = key(POSITION, doc="Where it is across.")
 
 
 # Share of each kind of fault that leaves something to read.

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any
 from ..io.text.schema import Derived, ListOf, Mapping, declared, key, read
 from ..io.text.values import Choice, Integer, KeyPath, Number, Scope, Text
 from .effects import (
-    LONGEST_S,
-    TIME,
     Beam,
     Bursts,
     Fan,
@@ -22,11 +20,8 @@ from .effects import (
     Lamps,
     OtherTag,
     PacketFaults,
-    Plate,
-    PressForce,
     RadioNoise,
     Ripple,
-    SurfacePress,
     Walker,
 )
 from .link import Link, level_or
@@ -35,6 +30,9 @@ if TYPE_CHECKING:
     from .schema import SceneSensor
 
 MAX_SENSORS = 16
+_LONGEST_S = 1e6
+_TIME = Number(unit="s", low=0, high=_LONGEST_S)
+POSITION = Number(unit="mm", low=-10_000, high=10_000)
 MODEL_NAME_LENGTH = 4096  # of a path, the longest that Linux accepts
 # RC oscillators are within 1 to 10 %, ceramic resonators within 0.5 %.
 CLOCK_OFFSET = Number(unit="ppm", low=-20_000, high=20_000)
@@ -196,6 +194,43 @@ def _default_duration(scope: Any) -> float:
 
 
 @declared
+class PressForce:
+    """A press: force rises from 0, changes linearly while it is held, falls to 0 again."""
+
+    start_s: float = key(
+        _TIME,
+        doc="Start of the press, not before `reference_s`.",
+    )
+    rise_s: float = key(
+        _TIME,
+        default=0.1,
+        doc="Time in which the force rises from 0 to `force_n`, and falls to 0 at the end.",
+    )
+    hold_s: float = key(
+        _TIME,
+        doc="Time in which the force changes linearly from `force_n` to `end_force_n`.",
+    )
+    force_n: float = key(
+        Number(unit="N", low=0, above=True, high=1000), doc="Force after the rise."
+    )
+    end_force_n: float = key(
+        Number(unit="N", low=0, high=1000),
+        derived=Derived("`force_n`", lambda scope: scope["force_n"]),
+        doc="Force before the fall.",
+    )
+    tremor_n: float = key(
+        Number(unit="N", low=0, high=100),
+        default=0.0,
+        doc="Rms of a hand's tremor (8 to 12 Hz) about the stated force.",
+    )
+
+    @property
+    def end_s(self) -> float:
+        """Time at which the force is 0 again, in s."""
+        return self.start_s + self.hold_s + 2 * self.rise_s
+
+
+@declared
 class Press(PressForce):
     """A press on the line of a sensor."""
 
@@ -207,13 +242,38 @@ class Press(PressForce):
 
 
 @declared
+class SurfacePress(PressForce):
+    """A press on the surface."""
+
+    x_mm: float = key(POSITION, doc="Where it is along the strips.")
+    y_mm: float = key(POSITION, doc="Where it is across.")
+
+
+@declared
+class Plate:
+    """A skin that acts as a thin plate on an elastic foundation."""
+
+    reach_mm: float = key(
+        Number(unit="mm", low=0.5, high=1000),
+        default=10.0,
+        doc="1/k of the plate: its pressure falls with the distance across as exp(-kd) "
+        "(cos kd + sin kd).",
+    )
+    bearing_mm: float | None = key(
+        Number(unit="mm", low=0.1, high=1000, optional=True),
+        doc="Width over which a strip bears the plate; null means the median distance of the "
+        "strips, so that they bear all of the force.",
+    )
+
+
+@declared
 class Move:
     """A movement of a sensor's tag; its two-way path grows by twice the distance."""
 
     sensor: str = sensor_name()
-    start_s: float = key(TIME, doc="Start of the movement.")
+    start_s: float = key(_TIME, doc="Start of the movement.")
     duration_s: float = key(
-        TIME,
+        _TIME,
         default=0.0,
         doc="Duration of the movement, at constant speed. The tag then stays where it is.",
     )
@@ -237,7 +297,7 @@ class Simulation:
         "`model`, otherwise the reader knows the sensor better than any calibration could.",
     )
     duration_s: float = key(
-        Number(unit="s", low=0, above=True, high=LONGEST_S),
+        Number(unit="s", low=0, above=True, high=_LONGEST_S),
         derived=Derived(
             f"{_DURATION_S:g}; one phase group where that is longer", _default_duration
         ),

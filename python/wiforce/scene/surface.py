@@ -11,8 +11,7 @@ from ..errors import InputError
 from ..io.text.schema import ListOf, Mapping, declared, key
 from ..io.text.values import Choice, Integer, Text
 from ..surface.skin import Skin, Spreading, Strip, law_violations, read_spreading
-from .effects import POSITION
-from .simulated import MAX_SENSORS, MODEL_NAME_LENGTH, sensor_name
+from .simulated import MAX_SENSORS, MODEL_NAME_LENGTH, POSITION, sensor_name
 
 if TYPE_CHECKING:
     from .schema import Scene

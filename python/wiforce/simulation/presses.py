@@ -15,8 +15,8 @@ from ..signal.carrier import SPEED_OF_LIGHT_M_S
 
 if TYPE_CHECKING:
     from ..scene import Scene
-    from ..scene.effects import Beam, PressForce
-    from ..scene.simulated import Move, Press
+    from ..scene.effects import Beam
+    from ..scene.simulated import Move, Press, PressForce
     from ..sensor import SensorModel
     from ..surface.skin import Skin
 

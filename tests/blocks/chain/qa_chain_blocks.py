@@ -19,7 +19,7 @@ from gnuradio.wiforce.blocks.group_block import state_from_pmt, state_to_pmt
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording_reader import RecordingReader
 from plain import make_air
 from press_capture import DEFAULT, FRAME, GROUP, RATE_HZ, SCENE, Run, array_source, run_flowgraph
 from wiforce_app.bench.air import TagOnAir

@@ -10,7 +10,7 @@ from command_runs import refused, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import Capture, Segment, open_capture
-from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording_reader import RecordingReader
 from gnuradio.wiforce.scene import load_scene, scene_of
 from gnuradio.wiforce.sensor import load_sensor, write_sensor
 from long_cases import cases

@@ -11,7 +11,7 @@ from gnuradio.wiforce.estimation.room.survey import survey_channel
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.adaptation import adapted
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording_reader import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
 from press_capture import SCENE

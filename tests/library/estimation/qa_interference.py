@@ -11,8 +11,8 @@ from chain_runs import assert_equal_readings, readings_of_reader
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.receiver import recording
-from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver import recording_reader
+from gnuradio.wiforce.receiver.recording_reader import RecordingReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.simulation.simulator import simulate
@@ -67,7 +67,7 @@ def with_transmissions(codes, effect):
 def groups_of(scene, name):
     """All groups of tones of a recording."""
     reader = RecordingReader(open_capture(name), plan(scene))
-    source = recording.groups_of(reader.recording, reader.plan, reader.frame_offset)
+    source = recording_reader.groups_of(reader.recording, reader.plan, reader.frame_offset)
     batches = []
     while len(batch := source.read()):
         batches.append(batch)

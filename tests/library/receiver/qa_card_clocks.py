@@ -10,7 +10,7 @@ from gnuradio.wiforce.estimation.ends.separation import EndSeparator
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.estimation.packets.packet_channels import undivided
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
-from gnuradio.wiforce.receiver.snapshot_recording import PacketGroups
+from gnuradio.wiforce.receiver.snapshot_reader import PacketGroups
 from gnuradio.wiforce.signal.waveform import packet_waveform
 from gnuradio.wiforce.signal.weights import timed_table
 from long_cases import cases

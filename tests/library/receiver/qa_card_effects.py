@@ -19,7 +19,7 @@ from gnuradio.wiforce.estimation.packets.antenna_states import (
 )
 from gnuradio.wiforce.io.capture.channel_snapshots import open_snapshots
 from gnuradio.wiforce.planning.plan import plan
-from gnuradio.wiforce.receiver.snapshot_recording import SnapshotReader
+from gnuradio.wiforce.receiver.snapshot_reader import SnapshotReader
 from long_cases import cases
 from packet_simulator import PacketCapture, PacketTag, card_settings
 

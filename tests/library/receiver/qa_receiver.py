@@ -10,7 +10,7 @@ from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
-from gnuradio.wiforce.receiver import Receiver, recording
+from gnuradio.wiforce.receiver import Receiver, recording_reader
 from gnuradio.wiforce.wiforce_kernels import end_separation
 from plain import make_air
 from wiforce_app.bench.air import TagOnAir
@@ -261,9 +261,9 @@ def test_recording_reader_that_is_refused_folds_nothing_more(tmp_path, monkeypat
     scene = wiforce.load_scene("tabletop").as_dict()
     wiforce.simulate(scene, tmp_path / "wide")
     scene["sensors"][0]["clock_tolerance_ppm"] = 20_000
-    monkeypatch.setattr(recording, "survey_recording", lambda *_: None)
+    monkeypatch.setattr(recording_reader, "survey_recording", lambda *_: None)
     with pytest.raises(InputError, match="clock_tolerance_ppm"):
-        recording.RecordingReader(open_capture(tmp_path / "wide"), scene)
+        recording_reader.RecordingReader(open_capture(tmp_path / "wide"), scene)
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("tones")]
 
 

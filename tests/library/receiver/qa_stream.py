@@ -13,7 +13,7 @@ from gnuradio.wiforce.estimation.capture.folded_groups import Slips, SnapshotGro
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.planning.findings import findings
 from gnuradio.wiforce.press.sensor_state import RETUNED
-from gnuradio.wiforce.receiver.recording import RecordingReader
+from gnuradio.wiforce.receiver.recording_reader import RecordingReader
 from gnuradio.wiforce.receiver.stream import StreamReader
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate

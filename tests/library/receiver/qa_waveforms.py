@@ -12,7 +12,7 @@ from gnuradio import wiforce
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.receiver import Receiver
-from gnuradio.wiforce.receiver.recording import RecordingReader, groups_of
+from gnuradio.wiforce.receiver.recording_reader import RecordingReader, groups_of
 from gnuradio.wiforce.signal.bound import phase_bound_deg
 from second_simulator import Tag, write_vna
 from waveform_captures import Air, chirp, zadoff_chu

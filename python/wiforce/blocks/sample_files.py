@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Captures as sources and sinks of samples."""
+"""Captures in files, as sources and sinks of samples."""
 
 import errno
 import os

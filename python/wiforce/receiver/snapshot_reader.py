@@ -29,7 +29,7 @@ from ..planning.plan import Plan, PlanOrScene, as_plan
 from ..signal.waveform import packet_waveform
 from ..signal.weights import TimedTable
 from .receiver import Receiver, one_thread
-from .recording import CaptureReader
+from .recording_reader import CaptureReader
 
 # A packet is left out whose channel deviates from the median by this many times the power that one
 # packet in ten exceeds. Switches are closed in half of the packets, so that one in ten shows a tag
