@@ -29,6 +29,9 @@ class SoapyRadio(Radio):
     """A SoapySDR device. Its blocks start streams at once, not at a given time."""
 
     starts_together = False
+    # Drivers scale complex floats to 1; 16-bit integers have the range of the converter, such as
+    # +-2048, which only some state (SoapySDR issue 376).
+    item_type = "fc32"
     # SoapySDR has no exceptions of its own: drivers throw any for settings, RuntimeError mostly.
     refusals = _DRIVER_ERRORS
     _is_checked = False
@@ -69,7 +72,7 @@ class SoapyRadio(Radio):
 
     def _end(self, kind, option, args, channels=1):
         try:
-            block = kind(args, "sc16", channels, "", "", [""], [""])
+            block = kind(args, self.item_type, channels, "", "", [""], [""])
         except _DRIVER_ERRORS as error:
             raise DeviceAbsent(option, _absent(error), args) from error
         rule = "must name a device whose automatic gain control can be switched off"
