@@ -34,7 +34,7 @@ class ReadingsWriter(Output):
     """Writes readings, whole rows at once, to a file or, without a path, standard output.
 
     The previous content is kept until the first row, the end, or :meth:`begin`: a run that fails
-    before loses nothing. ``also`` are further columns.
+    before loses nothing. Rows after the end continue the file. ``also`` are further columns.
     """
 
     rows = 0  # taken so far
@@ -75,12 +75,14 @@ class ReadingsWriter(Output):
             if continued:
                 size_bytes = whole_rows(self._path, self._header)
                 self._file.cut(size_bytes)
-        self._begun = True
+        self._begun = self._append = True
         if not size_bytes:
             self._put(self._header)
         return self
 
     def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        if self._file is not None and self._file.closed:
+            self._begun = False
         self.begin()
         rows = list(rows)
         self._put(self._text(rows))
