@@ -7,7 +7,7 @@ import math
 import os
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from gnuradio.wiforce.blocks.usrp import require_rate
@@ -64,7 +64,8 @@ class Radio(ABC):
     has_time = True  # received samples are tagged with the device's time
     starts_together = True  # both streams start at one device time
     item_type = "sc16"  # or fc32
-    serial = hardware = ""  # serial number; kind and serial number
+    hardware = ""  # kind and serial number
+    serials: Sequence[str | None] = ()  # serial number, and that of another transmitter
     # By which a driver refuses a setting. UHD raises RuntimeError when a device does not answer.
     refusals: tuple[type[Exception], ...] = (ValueError, LookupError, ArithmeticError)
 

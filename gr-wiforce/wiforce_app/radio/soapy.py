@@ -45,6 +45,7 @@ class SoapyRadio(Radio):
         device = self._device(library, "--args", args)
         with self._asking("--args", args):
             _check_receiver(library, device, args, request.antennas)
+            self.serials = [_serial(device)]
         receiver = self._end(soapy.source, "--args", args, request.antennas)
         transmitter = None
         if not request.receive_only:
@@ -52,6 +53,7 @@ class SoapyRadio(Radio):
             other_device = self._device(library, option, other)
             with self._asking(option, other):
                 _check_transmitter(library, other_device, option, other, other == args)
+                self.serials.append(_serial(other_device))
             transmitter = self._end(soapy.sink, option, other)
         self._clocks = [receiver.block]
         if request.tx_args is not None:
@@ -60,11 +62,8 @@ class SoapyRadio(Radio):
             self.has_time = receiver.block.has_hardware_time("")
             if self.has_time:
                 receiver.block.get_hardware_time("")
-            info = dict(device.getHardwareInfo())
             kind = f"{device.getHardwareKey()} (driver {device.getDriverKey()})"
-        serials = sorted(key for key in info if key.lower().endswith("serial"))
-        self.serial = _text(info[serials[0]]) if serials else ""
-        self.hardware = ", ".join(text for text in (_text(kind), self.serial) if text)
+        self.hardware = ", ".join(text for text in (_text(kind), self.serials[0]) if text)
         return receiver, transmitter
 
     def _asking(self, option, args):
@@ -173,6 +172,13 @@ def _keep_standard_error():
     os.dup2(discarded, 2)
     os.close(discarded)
     sys.stderr = open(kept, "w", encoding="utf-8")
+
+
+def _serial(device):
+    """The serial number that a device states, or nothing."""
+    info = dict(device.getHardwareInfo())
+    keys = sorted(key for key in info if key.lower().endswith("serial"))
+    return _text(info[keys[0]]) if keys else ""
 
 
 def _check_arguments(option, args):

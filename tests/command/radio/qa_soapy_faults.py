@@ -33,6 +33,7 @@ REFUSALS = [
     ("throws=gain", {}, "", ""),  # not asked for
     ("nan=gain", {}, "", ""),
     ("bytes=1", {}, "", ""),
+    ("time=0", {"tx_args": "driver=player,full=0"}, "", ""),
     ("full=0", {}, "--args: ", "full-duplex device: this one transmits or receives, but not both"),
     ("tx=0", {}, "--args: ", "full-duplex device: this one receives only"),
     ("time=0", {"bandwidth_hz": 2e6}, "--bandwidth: ", "this device's filter is fixed"),
