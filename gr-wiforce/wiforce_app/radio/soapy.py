@@ -171,7 +171,8 @@ def _keep_standard_error():
     kept, discarded = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(discarded, 2)
     os.close(discarded)
-    sys.stderr = open(kept, "w", encoding="utf-8")
+    # By lines, as Python's own: the process may end without writing what waits.
+    sys.stderr = open(kept, "w", 1, encoding="utf-8", errors="backslashreplace")
 
 
 def _serial(device):

@@ -81,6 +81,20 @@ def test_soapy_driver_that_refuses_a_setting_is_refused_by_the_name_of_the_setti
         assert where in found and words in found, (fault, found)
 
 
+def test_last_line_of_a_process_that_exits_at_once_is_printed():
+    """What it said of the cause was lost, as it ends without Python's own end."""
+    program = (
+        "import os, sys\n"
+        "from wiforce_app.radio.soapy import _keep_standard_error\n"
+        "_keep_standard_error()\n"
+        "os.write(2, b'letters of a driver')\n"
+        "print('the cause \\udcff', file=sys.stderr)\n"
+        "os._exit(3)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, timeout=60)
+    assert (done.returncode, done.stderr) == (3, b"the cause \\udcff\n")
+
+
 @pytest.mark.parametrize("stopped", [False, True])
 def test_start_of_a_driver_that_hangs_ends_in_bounded_time(stopped):
     """GNU Radio waits for ever for a block that throws while it starts."""
