@@ -96,6 +96,15 @@ def test_block_with_defaults_is_valid_and_is_created(make_block, block_id):
         assert_ports_agree(block, made)
 
 
+@pytest.mark.parametrize("block_id", ["wiforce_reader", "wiforce_force_inversion"])
+def test_block_with_a_file_keeps_the_former_one_until_it_runs(make_block, tmp_path, block_id):
+    """A flowgraph whose device did not answer had emptied it."""
+    output = tmp_path / "readings.csv"
+    output.write_text("former")
+    block, messages = make_block(block_id, output=repr(str(output)))
+    assert messages == [] and made_by(block) and output.read_text() == "former"
+
+
 def assert_ports_agree(block, made):
     """Compare the ports of the description with those of the created block."""
     from gnuradio.grc.core.Constants import TYPE_TO_SIZEOF

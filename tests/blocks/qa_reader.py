@@ -7,10 +7,11 @@ import numpy as np
 import pmt
 import pytest
 from chain_runs import press_fold, readings_of_chain, readings_of_reader
+from command_runs import rows_of
 from device_times import tag_at
 from gnuradio import blocks, gr, wiforce
 from machine import wait_until
-from press_capture import FRAME, GROUP, RATE_HZ, SCENE, array_source, running
+from press_capture import FRAME, GROUP, RATE_HZ, SCENE, array_source, run_flowgraph, running
 
 
 def read(samples, tags=()):
@@ -78,6 +79,31 @@ def test_reader_exception_ends_the_flowgraph():
         # Dead air without end: only the failure ends it.
         assert reader.ended.wait(60)
     assert isinstance(reader.failure, RuntimeError) and reader.failure is reader.groups.failure
+
+
+def test_reader_output_is_begun_by_readings_and_closed_at_the_end(codes, tmp_path):
+    """Without samples, as of a device that does not start, the former file is kept."""
+    path, flowgraph = tmp_path / "readings.csv", gr.top_block()
+    path.write_text("former")
+    reader = wiforce.reader(SCENE, "sc16", on_reading=wiforce.open_writer(path))
+    source = array_source(codes[:0])
+    flowgraph.connect(source, reader)
+    flowgraph.run()
+    assert path.read_text() == "former"
+    for groups in (14, 28):  # the second run continues the file
+        source._items, source._at = codes[: 14 * GROUP], 0
+        flowgraph.run()
+        assert reader.failure is None and len(rows_of(path)) == groups
+        wiforce.open_writer(path, append=True).begin().close()  # nobody holds it
+
+
+def test_reader_output_that_cannot_be_begun_ends_the_flowgraph(codes, tmp_path):
+    path, source = tmp_path / "readings.csv", array_source(codes[: 14 * GROUP])
+    with wiforce.open_writer(path) as other:
+        other.begin()
+        reader = wiforce.reader(SCENE, "sc16", on_reading=wiforce.open_writer(path))
+        run_flowgraph(source, reader)
+    assert "is being written to by another process" in str(reader.failure)
 
 
 def test_reader_reports_what_becomes_of_a_tare():

@@ -113,6 +113,8 @@ class LiveSession:
         for recorder in self.recorders:
             settings = {f"wiforce:{key}": value for key, value in link.settings.items()}
             recorder.describe({"core:hw": link.hardware, **settings})
+            if not self._running and link.clock is not None:
+                recorder.utc_offset_s = link.clock[0]
         self.source.attach(link.take_samples(), link.aligned)
         self._link = link
         self._attached += 1
@@ -125,6 +127,10 @@ class LiveSession:
         """End in good order: `on_reading` has been called for all samples received."""
         self.source.finish()
         if self._running:
+            # Of a radio that is compared only while it streams.
+            if (clock := self.clock) is not None:
+                for recorder in self.recorders:
+                    recorder.utc_offset_s = recorder.utc_offset_s or clock[0]
             self.reader.ended.wait(_LAST_READINGS_S)
             self._flowgraph.stop()
             self._flowgraph.wait()

@@ -157,9 +157,12 @@ def _serve(control, samples):
     from .streams import RadioStreams
 
     request = control.recv()
-    lock = DeviceLock(request.args)
+    locks = [DeviceLock(request.args)]
+    if request.tx_args is not None:
+        locks.append(DeviceLock(request.tx_args, where="--tx-args"))
     radio = opened(lambda: open_radio(request), DeviceAbsent)
-    lock.take_serial(radio.serial)
+    for lock, serial in zip(locks, radio.serials, strict=False):
+        lock.take_serial(serial)
     streams = RadioStreams(radio, request, samples)
     with radio.applying("--args", request.args, rule="must name a device that states what it does"):
         _report_clock(streams, control)  # before there are readings, which are stamped with UTC
@@ -179,7 +182,8 @@ def _serve(control, samples):
     samples.close()
     _report(control, "stopped")
     del streams, radio  # UHD closes the device here
-    lock.release()
+    for lock in locks:
+        lock.release()
 
 
 def _report(control, event, value=None):

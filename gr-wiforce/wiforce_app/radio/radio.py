@@ -7,7 +7,7 @@ import math
 import os
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from gnuradio.wiforce.blocks.usrp import require_rate
@@ -55,7 +55,7 @@ class End(ABC):
 
 
 class Radio(ABC):
-    """Receiver and transmitter of a device, 16-bit integers both ways.
+    """Receiver and transmitter of a device, both with samples of ``item_type``.
 
     Drivers derive from it: they open the device, or raise DeviceAbsent, and know times and streams.
     ``source`` has an output per antenna, ``sink`` is None without transmitter.
@@ -63,7 +63,9 @@ class Radio(ABC):
 
     has_time = True  # received samples are tagged with the device's time
     starts_together = True  # both streams start at one device time
-    serial = hardware = ""  # serial number; kind and serial number
+    item_type = "sc16"  # or fc32
+    hardware = ""  # kind and serial number
+    serials: Sequence[str | None] = ()  # serial number, and that of another transmitter
     # By which a driver refuses a setting. UHD raises RuntimeError when a device does not answer.
     refusals: tuple[type[Exception], ...] = (ValueError, LookupError, ArithmeticError)
 

@@ -29,6 +29,9 @@ class SoapyRadio(Radio):
     """A SoapySDR device. Its blocks start streams at once, not at a given time."""
 
     starts_together = False
+    # Drivers scale complex floats to 1; 16-bit integers have the range of the converter, such as
+    # +-2048, which only some state (SoapySDR issue 376).
+    item_type = "fc32"
     # SoapySDR has no exceptions of its own: drivers throw any for settings, RuntimeError mostly.
     refusals = _DRIVER_ERRORS
     _is_checked = False
@@ -42,6 +45,7 @@ class SoapyRadio(Radio):
         device = self._device(library, "--args", args)
         with self._asking("--args", args):
             _check_receiver(library, device, args, request.antennas)
+            self.serials = [_serial(device)]
         receiver = self._end(soapy.source, "--args", args, request.antennas)
         transmitter = None
         if not request.receive_only:
@@ -49,6 +53,7 @@ class SoapyRadio(Radio):
             other_device = self._device(library, option, other)
             with self._asking(option, other):
                 _check_transmitter(library, other_device, option, other, other == args)
+                self.serials.append(_serial(other_device))
             transmitter = self._end(soapy.sink, option, other)
         self._clocks = [receiver.block]
         if request.tx_args is not None:
@@ -57,11 +62,8 @@ class SoapyRadio(Radio):
             self.has_time = receiver.block.has_hardware_time("")
             if self.has_time:
                 receiver.block.get_hardware_time("")
-            info = dict(device.getHardwareInfo())
             kind = f"{device.getHardwareKey()} (driver {device.getDriverKey()})"
-        serials = sorted(key for key in info if key.lower().endswith("serial"))
-        self.serial = _text(info[serials[0]]) if serials else ""
-        self.hardware = ", ".join(text for text in (_text(kind), self.serial) if text)
+        self.hardware = ", ".join(text for text in (_text(kind), self.serials[0]) if text)
         return receiver, transmitter
 
     def _asking(self, option, args):
@@ -69,7 +71,7 @@ class SoapyRadio(Radio):
 
     def _end(self, kind, option, args, channels=1):
         try:
-            block = kind(args, "sc16", channels, "", "", [""], [""])
+            block = kind(args, self.item_type, channels, "", "", [""], [""])
         except _DRIVER_ERRORS as error:
             raise DeviceAbsent(option, _absent(error), args) from error
         rule = "must name a device whose automatic gain control can be switched off"
@@ -169,7 +171,15 @@ def _keep_standard_error():
     kept, discarded = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(discarded, 2)
     os.close(discarded)
-    sys.stderr = open(kept, "w", encoding="utf-8")
+    # By lines, as Python's own: the process may end without writing what waits.
+    sys.stderr = open(kept, "w", 1, encoding="utf-8", errors="backslashreplace")
+
+
+def _serial(device):
+    """The serial number that a device states, or nothing."""
+    info = dict(device.getHardwareInfo())
+    keys = sorted(key for key in info if key.lower().endswith("serial"))
+    return _text(info[keys[0]]) if keys else ""
 
 
 def _check_arguments(option, args):

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-from gnuradio import gr, wiforce
+from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks.sample_streams import sample_sender
 from gnuradio.wiforce.blocks.sounding import frame_samples
 from gnuradio.wiforce.blocks.usrp import device_time_of, timed_frames
@@ -104,6 +104,9 @@ _TRANSMIT_AHEAD_S = 0.5
 _BUFFER_SAMPLES = 1 << 18
 _MOST_RECEIVE_SAMPLES = _BUFFER_SAMPLES // 2
 _RECEIVE_TIMEOUT_S = 0.1
+# What a float of 1 is in 16-bit integers: codes of 12 bits are received as multiples of 16. The
+# largest one to transmit must become less than 1, which would be 2048 where codes end at 2047.
+_RECEIVED_SCALE, _SENT_SCALE = 32768.0, 32768.0 * 2048 / 2047
 _UNTIMED_S = 0.1  # a bound of the time that samples take until they are counted
 # A shorter silence, of a network that restarts for example, is a gap: the device keeps its phases.
 _SILENCE_S = 5.0
@@ -131,20 +134,35 @@ class RadioStreams:
         self._start_s, self._frames = [0.0], None
         if radio.sink is not None:
             self._frames = self._source_of(radio, request)
-            self._transmission.connect(self._frames, radio.sink)
+            self._transmission.connect(self._frames, *self._sent_as(radio), radio.sink)
         self._alignment = None
         # Whether the samples begin with a frame. Those of a free transmitter the reader follows.
         self.aligned = request.aligned and not radio.starts_together and antennas == 1
         if self.aligned:
             self._alignment = wiforce.frame_alignment(**request.frames)
-            self._reception.connect(radio.source, self._alignment, self._sender)
+            self._reception.connect(self._received_of(0), self._alignment, self._sender)
         else:
             for antenna in range(antennas):
-                self._reception.connect((radio.source, antenna), (self._sender, antenna))
+                self._reception.connect(self._received_of(antenna), (self._sender, antenna))
         self._received, self._sent = Progress(), Progress()
         self._ended_before = False
         self._reported_s = 0.0
         self._clocks = ClockComparison(_clock_of(radio, self._sender, request.sample_rate_hz))
+
+    def _received_of(self, antenna):
+        """The port of an antenna's samples as 16-bit integers."""
+        port = self._radio.source, antenna
+        if self._radio.item_type == "sc16":
+            return port
+        integers = blocks.complex_to_interleaved_short(True, _RECEIVED_SCALE)
+        self._reception.connect(port, integers)
+        return integers, 0
+
+    def _sent_as(self, radio):
+        """What makes the sink's samples of 16-bit integers, a block or none."""
+        if radio.item_type == "sc16":
+            return []
+        return [blocks.interleaved_short_to_complex(True, False, _SENT_SCALE)]
 
     def _source_of(self, radio, request):
         """The frames to transmit, with their times where both ends start at one."""

@@ -26,7 +26,8 @@ class UhdRadio(Radio):
         info = receiver.block.get_usrp_info()
         known = [info.get(key) for key in ("mboard_id", "rx_subdev_name", "mboard_serial")]
         self.hardware = ", ".join(text for text in known if text)
-        self.serial = info.get("mboard_serial")
+        ends = [receiver] if transmitter is None else [receiver, transmitter]
+        self.serials = [end.block.get_usrp_info().get("mboard_serial") for end in ends]
         return receiver, transmitter
 
     def _set_first_gain(self, end):

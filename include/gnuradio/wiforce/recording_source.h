@@ -21,7 +21,8 @@ namespace gr::wiforce {
  * tag `noise` of preamble_fold.
  *
  * Frame timing is monitored as in preamble_fold. A file that is shorter than its segments
- * say, or is cut short while it is read, is read as far as it goes.
+ * say, or is cut short while it is read, is read as far as it goes. For this, the signal
+ * SIGBUS of the process gets a handler, which passes on what other pages cause.
  */
 class WIFORCE_API recording_source : virtual public gr::sync_block
 {

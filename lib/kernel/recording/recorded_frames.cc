@@ -12,6 +12,7 @@
 #include <cerrno>
 #include <csignal>
 #include <cstring>
+#include <list>
 #include <mutex>
 
 namespace gr::wiforce::kernel {
@@ -27,7 +28,11 @@ constexpr std::uint64_t PART_BYTES = 1 << 25;
 // The handler must not allocate it, which it would in a library that is loaded late.
 __attribute__((tls_model("initial-exec"))) thread_local mapped_part* looked_at = nullptr;
 
-struct sigaction former;
+// What handled the signal before this file did, until the handler has given it its turn.
+// The handler may run in any thread at any time and cannot wait for a lock.
+std::atomic<const struct sigaction*> former{ nullptr };
+static_assert(std::atomic<const struct sigaction*>::is_always_lock_free);
+const struct sigaction by_default = {};
 
 // Whoever else handles the signal takes over for other pages: the access that fails is
 // made again. A handler that comes back to this one has had its turn.
@@ -35,8 +40,8 @@ void replace_page(int signal, siginfo_t* info, void*)
 {
     const int error = errno;
     if (!looked_at || !looked_at->replace(info->si_addr)) {
-        sigaction(signal, &former, nullptr);
-        former = {};
+        const struct sigaction* const before = former.exchange(nullptr);
+        sigaction(signal, before ? before : &by_default, nullptr);
     }
     errno = error;
 }
@@ -45,11 +50,14 @@ void replace_page(int signal, siginfo_t* info, void*)
 void handle_missing_pages()
 {
     static std::mutex mutex;
+    // Never freed: a handler may be reading one. They are as many as somebody sets
+    // others.
+    static auto& known = *new std::list<struct sigaction>;
     const std::lock_guard<std::mutex> lock(mutex);
     struct sigaction action = {};
     if (sigaction(SIGBUS, nullptr, &action) != 0 || action.sa_sigaction == replace_page)
         return;
-    former = action;
+    former = &known.emplace_back(action);
     action = {};
     action.sa_sigaction = replace_page;
     action.sa_flags = SA_SIGINFO | SA_ONSTACK;

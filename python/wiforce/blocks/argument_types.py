@@ -15,6 +15,7 @@ import pmt
 from gnuradio import gr
 
 from ..errors import InputError
+from ..io.outputs import Output
 from ..wiforce_python import keep_thread_state, kept_with
 
 _P = ParamSpec("_P")
@@ -28,6 +29,7 @@ _WORDS: dict[Any, str] = {
     complex: "a number",
     str: "text",
     abc.Callable: "a function",
+    Output: "an output of readings",
     type(None): "None",
     Sequence[str]: "a list of texts",
     Sequence[float]: "a list of numbers",

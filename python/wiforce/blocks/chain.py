@@ -3,7 +3,6 @@
 
 import time
 from collections import deque
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from .argument_types import Kept, typed
 from .group_block import (
     GroupBlock,
     ReadingPort,
+    ReadingTaker,
     Tags,
     count_of,
     groups_of,
@@ -322,9 +322,10 @@ class force_inversion(ReadingPort):
         Of a scene: ``wiforce.plan(scene)``.
     tracked : bool
         Follow each press over time instead of inverting each group by itself.
-    on_reading : callable, optional
+    on_reading : callable or Output, optional
         Called with every :class:`Reading` in the block's thread. For programs that need the last
-        readings of a finite stream, which message ports may lose.
+        readings of a finite stream, which message ports may lose. An output, as
+        :func:`open_writer` makes it, is begun with the first one and closed when the stream ends.
 
     Raises
     ------
@@ -344,7 +345,7 @@ class force_inversion(ReadingPort):
         self,
         plan: Plan,
         tracked: bool = False,
-        on_reading: Callable[[Reading], None] | None = None,
+        on_reading: ReadingTaker = None,
     ) -> None:
         self.stage = make_readout(plan, tracked)
         self._doubted: set[str] = set()  # sensors of which it was said

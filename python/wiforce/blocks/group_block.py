@@ -15,6 +15,7 @@ from gnuradio import gr
 from ..errors import InputError
 from ..estimation.capture.folded_groups import SnapshotGroup
 from ..estimation.groups import Array, Groups
+from ..io.outputs import Output
 from ..io.readings import Reading
 from ..wiforce_python import collected_groups, input_has_ended
 from . import names
@@ -255,12 +256,18 @@ def misplaced_in(tags: dict[str, Any]) -> list[tuple[int, int]]:
     return [(int(first), int(end)) for first, end in ranges.reshape(-1, 2)]
 
 
+# What takes every Reading, in the block's thread: a function, or an output, which is begun with the
+# first one and closed when the stream has ended.
+ReadingTaker = Callable[[Reading], None] | Output | None
+
+
 class ReadingPort(GroupBlock):
     """A block that ends the chain: ``finish`` publishes the groups held back."""
 
-    def open_port(self, on_reading: Callable[[Reading], None] | None) -> None:
-        """Register the message port; ``on_reading`` takes every Reading in the block's thread."""
-        self._on_reading = on_reading
+    def open_port(self, on_reading: ReadingTaker) -> None:
+        """Register the message port, and keep what takes the readings."""
+        self._output = on_reading if isinstance(on_reading, Output) else None
+        self._on_reading = on_reading.write if isinstance(on_reading, Output) else on_reading
         self.ended = Event()
         self.message_port_register_out(pmt.intern(names.READINGS))
 
@@ -290,10 +297,21 @@ class ReadingPort(GroupBlock):
 
     def end(self) -> None:
         """Read the groups held back; called by hand where the flowgraph cannot be stopped."""
+        if self.ended.is_set():
+            return
         try:
-            if self.failure is None and not self.ended.is_set():
+            if self.failure is None:
                 self.finish()
+                self._close_output()
         except Exception as error:
             # Raised through the scheduler it would abort the process.
             self.failure = error
+        if self.failure is not None and self._output is not None:
+            self._output.abandon()
         self.ended.set()
+
+    def _close_output(self) -> None:
+        """Close the output; without input, as of a device that did not start, it stays as it is."""
+        if self._output is not None:
+            end = self._output.close if self.nitems_read(0) else self._output.abandon
+            end()

@@ -22,7 +22,7 @@ from ..receiver.stream import StreamReader
 from ..wiforce_python import phase_group_doppler, preamble_fold
 from . import names
 from .argument_types import Kept, enlarge_output_buffer, typed
-from .group_block import ReadingPort, SnapshotSink
+from .group_block import ReadingPort, ReadingTaker, SnapshotSink
 from .stream_watch import Folded, StreamWatch
 
 _REQUEST, _CANCEL = "request", "cancel"
@@ -40,7 +40,7 @@ class group_reader(ReadingPort, SnapshotSink):
         self,
         plan: Plan,
         tracked: bool = False,
-        on_reading: Callable[[Reading], None] | None = None,
+        on_reading: ReadingTaker = None,
         frame_offset: int = 0,
     ) -> None:
         self.stream = StreamReader(plan, tracked)
@@ -170,8 +170,9 @@ class reader(Kept, gr.hier_block2):
         vector. Times of readings count from the first sample.
     tracked : bool
         Follow each press over time instead of inverting each group by itself.
-    on_reading : callable, optional
-        Called with every :class:`io.readings.Reading`.
+    on_reading : callable or Output, optional
+        Called with every :class:`io.readings.Reading`. An output, as :func:`open_writer` makes it,
+        is begun with the first one and closed when the stream has ended.
 
     Attributes
     ----------
@@ -201,7 +202,7 @@ class reader(Kept, gr.hier_block2):
         input_type: str = "fc32",
         frame_offset: int = 0,
         tracked: bool = False,
-        on_reading: Callable[[Reading], None] | None = None,
+        on_reading: ReadingTaker = None,
     ) -> None:
         if input_type not in (*_ITEM_BYTES, "folded"):
             rule = f"must be one of {', '.join((*_ITEM_BYTES, 'folded'))}"

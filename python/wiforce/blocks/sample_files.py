@@ -5,7 +5,6 @@ import errno
 import os
 import threading
 import time
-from datetime import datetime, timezone
 from io import FileIO
 from pathlib import Path
 from typing import Any
@@ -21,9 +20,10 @@ from ..estimation.groups import Array
 from ..io.capture.names import recording_stem
 from ..io.capture.recordings import Capture, open_capture
 from ..io.capture.samples import DATATYPES, item_type_named
+from ..io.readings import written_utc
 from ..io.text.textfile import check_output, write_whole
 from ..scene import Scene, load_scene
-from ..wiforce_python import recording_source
+from ..wiforce_python import recording_source, rx_time_value
 from . import names
 from .argument_types import Kept, typed
 from .stream_watch import Timeline, time_value
@@ -210,6 +210,8 @@ class sample_keeper(Kept, gr.sync_block):
 
 
 _RX_TIME = pmt.intern(names.RX_TIME)
+# A device's clock this near to the host's is UTC; without being set, it counts from its start.
+_UTC_WITHIN_S = 1800.0
 
 
 class sigmf_recorder(Kept, gr.sync_block):
@@ -221,6 +223,10 @@ class sigmf_recorder(Kept, gr.sync_block):
 
     A flowgraph that is started again continues the recording if its first ``rx_time`` reports the
     samples lost in between; otherwise the recording stops.
+
+    ``core:datetime`` is when the first sample was received by ``rx_time``, where that plus
+    ``utc_offset_s`` is within half an hour of the host's clock, and otherwise when it arrived here,
+    which buffers delay. Later entries count on from it.
 
     Where no sample came, no file is left. Else ``wiforce:samples`` states their number at the end.
 
@@ -245,6 +251,8 @@ class sigmf_recorder(Kept, gr.sync_block):
     ----------
     failure : OSError or None
         The error that stopped the recording.
+    utc_offset_s : float
+        UTC less the device's time, in s; 0 unless it is set, at any time before the end.
 
     Raises
     ------
@@ -274,7 +282,10 @@ class sigmf_recorder(Kept, gr.sync_block):
             raise InputError("center_frequency", "must be positive", center_frequency)
         gr.sync_block.__init__(self, "sigmf_recorder", in_sig=[kind.item], out_sig=None)
         self.failure: OSError | None = None
-        self._center_frequency = center_frequency
+        self.utc_offset_s = 0.0
+        self._rate, self._center_frequency = sample_rate, center_frequency
+        self._first_s: float | None = None  # device time of the first item, and host's
+        self._arrived_s = 0.0
         self._timeline = Timeline(sample_rate)
         self._captures: list[dict[str, Any]] = []
         self._recorded = 0
@@ -351,6 +362,8 @@ class sigmf_recorder(Kept, gr.sync_block):
     def _note(self, count: int) -> None:
         """A new entry of the metadata for the first item, and for each after lost samples."""
         begins = [] if self._captures else [(0, 0)]
+        if begins:
+            self._note_first(count)
         # GNU Radio counts items from 0 whenever a flowgraph starts.
         before = self._recorded - self.nitems_read(0)
         resumes = before == self._recorded > 0
@@ -366,16 +379,38 @@ class sigmf_recorder(Kept, gr.sync_block):
                     "core:sample_start": item,
                     "core:global_index": item + lost,
                     "core:frequency": self._center_frequency,
-                    "core:datetime": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%S.%fZ"),
                 }
             )
         if begins:
             self._write_metadata()
 
+    def _note_first(self, count: int) -> None:
+        """Note when the first item was received, the last of ``count`` just now."""
+        self._arrived_s = time.time() - count / self._rate
+        first = self.get_tags_in_window(0, 0, 1, _RX_TIME)
+        device_time = rx_time_value(first[0].value) if first else None
+        self._first_s = None if device_time is None else sum(device_time)
+
+    def _utc_s(self) -> float:
+        """When the first item was received, as well as that is known."""
+        if self._first_s is not None:
+            utc_s = self._first_s + self.utc_offset_s
+            if abs(utc_s - self._arrived_s) < _UTC_WITHIN_S:
+                return utc_s
+        return self._arrived_s
+
     def _write_metadata(self) -> None:
         import json
 
-        whole = {"global": self._global, "captures": self._captures, "annotations": []}
+        utc_s = self._utc_s()
+        captures = [
+            {
+                **capture,
+                "core:datetime": written_utc(utc_s + capture["core:global_index"] / self._rate),
+            }
+            for capture in self._captures
+        ]
+        whole = {"global": self._global, "captures": captures, "annotations": []}
         write_whole(self._meta, json.dumps(whole, indent=2) + "\n")
 
 

@@ -142,8 +142,15 @@ def _added(time: Time, other: Time) -> Time:
 
 
 _WAIT_S = 0.1
-_WAIT = struct.pack("@ll", 0, round(1e6 * _WAIT_S))  # a timeval
 _DONE = -1
+
+
+def wait_briefly(stream: socket.socket, option: int) -> None:
+    """Let the kernel end a call of a socket, by its SO_RCVTIMEO or SO_SNDTIMEO, after 0.1 s."""
+    # Its timeval has two fields of 64 bits, or of 32 in older 32-bit systems.
+    held = stream.getsockopt(socket.SOL_SOCKET, option, 16)
+    form = "=qq" if len(held) == 16 else "=ii"
+    stream.setsockopt(socket.SOL_SOCKET, option, struct.pack(form, 0, round(1e6 * _WAIT_S)))
 
 
 class sample_receiver(Kept, gr.sync_block):
@@ -273,7 +280,7 @@ class sample_receiver(Kept, gr.sync_block):
             return False
         self._stream, self._aligned = self._waiting.popleft()
         self._stream.settimeout(None)  # one of Python's would make the socket not wait at all
-        self._stream.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, _WAIT)
+        wait_briefly(self._stream, socket.SO_RCVTIMEO)
         self._packets = packet_reader(
             self._stream.fileno(), SAMPLE_BYTES * self._antennas, TAG_BYTES
         )
@@ -360,7 +367,7 @@ class sample_sender(Kept, gr.sync_block):
         gr.sync_block.__init__(self, "sample_sender", in_sig=signature, out_sig=None)
         # With a timeout of Python's, a call would send whatever part finds room at once.
         stream.settimeout(None)
-        stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _WAIT)
+        wait_briefly(stream, socket.SO_SNDTIMEO)
         stream.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _BUFFER_BYTES)
         self._stream, self._accepts_time = stream, accepts_time
         self._interval_s, self._next_s = interval_s, 0.0

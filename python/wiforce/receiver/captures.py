@@ -138,6 +138,12 @@ def read(
         (A ValueError) naming file or key, rule and value, when a file is missing, broken, or
         contradicts the scene, as when no frames are found or when they have another length.
 
+    Notes
+    -----
+    Samples are mapped into memory. A handler of the signal SIGBUS, which is the whole process's,
+    puts zeros where a file is cut off meanwhile. For other pages the program's own handler is
+    called, but one that is set during a reading may be set aside again.
+
     Examples
     --------
     >>> import tempfile

@@ -2,6 +2,7 @@
 """frame_alignment and sigmf_recorder: which samples pass, their times, what a recording says."""
 
 import json
+import time
 
 import numpy as np
 import pmt
@@ -11,6 +12,7 @@ from gnuradio import blocks, wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.frame import MARGIN, measure_levels
 from gnuradio.wiforce.io.capture import Segment, open_capture
+from gnuradio.wiforce.io.readings import parsed_utc
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from press_capture import array_source, run_flowgraph
 
@@ -102,6 +104,25 @@ def test_a_recording_marks_the_gaps_and_goes_on_when_its_flowgraph_is_started_ag
     fields = json.loads((tmp_path / "run.sigmf-meta").read_text())["global"]
     assert fields["core:hw"] == "a device" and fields["core:datatype"] == "cf32_le"
     assert fields["wiforce:samples"] == len(samples) and capture.incomplete == ""
+
+
+@pytest.mark.parametrize("clock", ["absolute", "compared", "unknown", "none"])
+def test_a_recording_states_when_its_first_sample_was_received(tmp_path, clock):
+    """It stated when samples were processed, and gaps did not agree with their length."""
+    received_s = time.time() - 100.0
+    start_s = {"absolute": received_s, "none": None}.get(clock, 5.0)
+    tags = [] if start_s is None else [rx_time(0, start_s), rx_time(4000, start_s + 2)]
+    recorder = wiforce.sigmf_recorder(tmp_path / "run", RATE)
+    if clock == "compared":
+        recorder.utc_offset_s = received_s - 5.0
+    run_flowgraph(array_source(stream(0, 30), tags), recorder)
+    captures = json.loads((tmp_path / "run.sigmf-meta").read_text())["captures"]
+    times_s = [parsed_utc(each["core:datetime"]).timestamp() for each in captures]
+    if clock in ("absolute", "compared"):
+        assert times_s == pytest.approx([received_s, received_s + 2], abs=2e-6)
+    else:
+        assert times_s[0] == pytest.approx(time.time(), abs=30)
+    assert np.diff(times_s) == pytest.approx([] if start_s is None else [2], abs=2e-6)
 
 
 def test_a_recording_without_samples_leaves_no_file(tmp_path):

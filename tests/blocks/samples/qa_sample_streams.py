@@ -22,6 +22,7 @@ from gnuradio.wiforce.blocks.sample_streams import (
     pack_head,
     sample_receiver,
     sample_sender,
+    wait_briefly,
 )
 from gnuradio.wiforce.blocks.stream_watch import Timeline, time_value
 from gnuradio.wiforce.estimation.capture.frame import MARGIN
@@ -43,6 +44,36 @@ def received(receiver, feed):
     feeding.join()
     found = [(tag.offset, pmt.symbol_to_string(tag.key), tag.value) for tag in sink.tags()]
     return np.array(sink.data(), np.int16).reshape(-1, 2), sorted(found, key=lambda tag: tag[0])
+
+
+class System:
+    """Options of a socket where a timeval has two fields of so many bytes."""
+
+    def __init__(self, size):
+        self.held = bytes(2 * size)
+
+    def getsockopt(self, level, option, most):
+        return self.held
+
+    def setsockopt(self, level, option, value):
+        assert len(value) == len(self.held)
+        self.held = value
+
+
+@pytest.mark.parametrize("size", [4, 8])
+def test_wait_of_a_socket_has_the_size_that_the_system_takes(size):
+    """On 32-bit ARM with 64-bit times no live run could start."""
+    system = System(size)
+    wait_briefly(system, socket.SO_RCVTIMEO)
+    assert np.frombuffer(system.held, f"i{size}").tolist() == [0, 100_000]
+
+
+def test_wait_of_a_socket_ends_a_call():
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        wait_briefly(ours, socket.SO_RCVTIMEO)
+        with pytest.raises(BlockingIOError):
+            ours.recv(1)
 
 
 def fed(receiver, *streams):

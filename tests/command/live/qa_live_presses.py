@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from command_runs import succeeded
 from gnuradio.wiforce.io.capture import open_capture
+from gnuradio.wiforce.io.readings import parsed_utc
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.channel import AirChannel
 from live_runs import (
@@ -179,7 +180,10 @@ def test_live_recording_reads_as_the_live_run_and_names_device_gains_and_losses(
     opened = open_capture(capture)
     opened.check_against(load_scene(scene))
     assert len(opened.segments) == side_by_side.faults + 1
-    fields = json.loads(capture.with_name("run.sigmf-meta").read_text())["global"]
+    metadata = json.loads(capture.with_name("run.sigmf-meta").read_text())
+    fields, begins = metadata["global"], metadata["captures"][0]["core:datetime"]
+    first_s = parsed_utc(live_rows[0]["time_utc"]).timestamp() - float(live_rows[0]["time_s"])
+    assert parsed_utc(begins).timestamp() == pytest.approx(first_s, abs=0.01)
     assert "N210" in fields["core:hw"] and fields["core:datatype"] == "ci16_le"
     assert fields["wiforce:rx_gain_db"] == fields["wiforce:tx_gain_db"] == 15
     assert fields["wiforce:scene"]["sensors"][0]["name"] == "arm"

@@ -78,13 +78,23 @@ def test_live_outputs_that_cannot_be_opened_keep_what_is_there(tmp_path):
     os.close(reader)
 
 
-def test_process_of_a_radio_opens_no_device_that_another_one_uses(monkeypatch):
-    """Two runs would lose the device to each other, with wrong readings in between."""
+@pytest.mark.parametrize("taken", ["addr=1", "addr=2", "serial 1", "serial 2"])
+def test_process_of_a_radio_uses_no_device_that_another_one_uses(monkeypatch, taken):
+    """Two runs would lose the device to each other, or transmit by one device."""
 
-    def lock(args):
-        raise InputError("--args", "must name a device that is free", args)
+    class Lock:
+        def __init__(self, args, where="--args"):
+            self.where = where
+            self.take_serial(args)
 
-    monkeypatch.setattr(link, "DeviceLock", lock)
-    asked = SimpleNamespace(recv=lambda: RadioRequest.of_scene(load_scene("demo"), "addr=1"))
-    with pytest.raises(InputError, match="a device that is free, got 'addr=1'"):
-        link._serve(asked, None)
+        def take_serial(self, name):
+            if name == taken:
+                raise InputError(self.where, "must name a device that is free", name)
+
+    monkeypatch.setattr(link, "DeviceLock", Lock)
+    radio = SimpleNamespace(serials=["serial 1", "serial 2"])
+    monkeypatch.setattr("wiforce_app.radio.radio.open_radio", lambda request: radio)
+    request = RadioRequest.of_scene(load_scene("demo"), "addr=1", tx_args="addr=2")
+    option = "--args" if taken.endswith("1") else "--tx-args"
+    with pytest.raises(InputError, match=f"^{option}: must name a .* free, got '{taken}'"):
+        link._serve(SimpleNamespace(recv=lambda: request), None)

@@ -33,6 +33,7 @@ REFUSALS = [
     ("throws=gain", {}, "", ""),  # not asked for
     ("nan=gain", {}, "", ""),
     ("bytes=1", {}, "", ""),
+    ("time=0", {"tx_args": "driver=player,full=0"}, "", ""),
     ("full=0", {}, "--args: ", "full-duplex device: this one transmits or receives, but not both"),
     ("tx=0", {}, "--args: ", "full-duplex device: this one receives only"),
     ("time=0", {"bandwidth_hz": 2e6}, "--bandwidth: ", "this device's filter is fixed"),
@@ -78,6 +79,20 @@ def test_soapy_driver_that_refuses_a_setting_is_refused_by_the_name_of_the_setti
     for found, (fault, _, where, words) in zip(refusals, REFUSALS, strict=True):
         assert bool(found) == bool(words), (fault, found)
         assert where in found and words in found, (fault, found)
+
+
+def test_last_line_of_a_process_that_exits_at_once_is_printed():
+    """What it said of the cause was lost, as it ends without Python's own end."""
+    program = (
+        "import os, sys\n"
+        "from wiforce_app.radio.soapy import _keep_standard_error\n"
+        "_keep_standard_error()\n"
+        "os.write(2, b'letters of a driver')\n"
+        "print('the cause \\udcff', file=sys.stderr)\n"
+        "os._exit(3)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, timeout=60)
+    assert (done.returncode, done.stderr) == (3, b"the cause \\udcff\n")
 
 
 @pytest.mark.parametrize("stopped", [False, True])

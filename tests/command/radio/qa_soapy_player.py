@@ -162,6 +162,21 @@ def test_soapy_free_running_transmitter_is_read_with_two_antennas(tmp_path, long
     assert sizes[0] == sizes[1] > 4 * 1.5 * RATE
 
 
+def test_soapy_radio_of_12_bits_is_used_to_its_full_scale(played, tmp_path):
+    """Integers were sent beyond its range, and received as if they were 24 dB lower."""
+    scene, file = played
+    sent, arguments = tmp_path / "sent", f"bits=12,sent={tmp_path / 'sent'}"
+    options = ["--record", tmp_path / "kept", "--duration", 0.4, "--amplitude", 0.91]
+    (status,), said = run_session("refused", json.dumps(start(scene, file, arguments, *options)))
+    assert status == 0, said
+    assert int(sent.read_text()) in (2046, 2047)
+    kept = np.fromfile(tmp_path / "kept.sigmf-data", "<i2")
+    codes = np.fromfile(file, "<i2") // 16 * 16
+    assert len(kept) > 0.3 * 2 * RATE
+    at = next(n for n in range(0, 40_000, 2) if np.array_equal(codes[n : n + 100], kept[:100]))
+    np.testing.assert_array_equal(kept, codes[at : at + len(kept)])
+
+
 def test_soapy_arguments_without_a_module_are_refused():
     with pytest.raises(InputError, match="^--args: must name the SoapySDR module, as driver=lime"):
         soapy._check_arguments("--args", "addr=127.0.0.254")

@@ -17,6 +17,9 @@
  *                    without it
  *   nan=VALUE        what the driver states of it is no number: rate, frequency or gain
  *   bytes=1          the serial number is no UTF-8
+ *   bits=12          of the converters: 16-bit integers are their codes, as those of
+ *                    bladeRF and LimeSDR, and floats lie between -1 and 1
+ *   sent=FILE        the largest code transmitted is written there
  */
 #include <SoapySDR/Device.hpp>
 #include <SoapySDR/Formats.hpp>
@@ -24,9 +27,9 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <complex>
 #include <cstdint>
-#include <cstring>
 #include <fstream>
 #include <limits>
 #include <map>
@@ -73,7 +76,9 @@ public:
           d_overflows(losses_of(value(args, "overflow", ""))),
           d_has_bytes(value(args, "bytes", "0") == "1"),
           d_throws(value(args, "throws", "")),
-          d_nan(value(args, "nan", ""))
+          d_nan(value(args, "nan", "")),
+          d_scale(1 << (16 - std::stoi(value(args, "bits", "16")))),
+          d_sent(value(args, "sent", ""))
     {
         for (const char* key : { "file", "file2" })
             if (args.count(key))
@@ -101,13 +106,14 @@ public:
 
     std::vector<std::string> getStreamFormats(const int, const std::size_t) const override
     {
-        return { SOAPY_SDR_CS16 };
+        return { SOAPY_SDR_CS16, SOAPY_SDR_CF32 };
     }
     SoapySDR::Stream* setupStream(const int direction,
-                                  const std::string&,
+                                  const std::string& format,
                                   const std::vector<std::size_t>&,
                                   const SoapySDR::Kwargs&) override
     {
+        d_has_floats[direction] = format == SOAPY_SDR_CF32;
         return reinterpret_cast<SoapySDR::Stream*>(&d_streams[direction]);
     }
     void closeStream(SoapySDR::Stream*) override {}
@@ -143,9 +149,10 @@ public:
         }
         wait_for(now, taken);
         for (std::size_t channel = 0; channel < d_received.size(); channel++)
-            std::memcpy(buffers[channel],
-                        d_received[channel].data() + now.samples,
-                        taken * sizeof(sample));
+            convert(reinterpret_cast<const std::int16_t*>(d_received[channel].data() +
+                                                          now.samples),
+                    2 * taken,
+                    buffers[channel]);
         if (d_has_clock && !d_is_stale) {
             flags |= SOAPY_SDR_HAS_TIME;
             time_ns = START_NS + std::llround(now.samples * 1e9 / d_rate);
@@ -155,7 +162,7 @@ public:
     }
 
     int writeStream(SoapySDR::Stream* stream,
-                    const void* const*,
+                    const void* const* buffers,
                     const std::size_t count,
                     int&,
                     const long long,
@@ -164,6 +171,7 @@ public:
         auto& now = *reinterpret_cast<progress*>(stream);
         const std::size_t taken = std::min(count, MTU);
         wait_for(now, taken);
+        note_sent(buffers[0], 2 * taken);
         now.samples += taken;
         return taken;
     }
@@ -271,6 +279,32 @@ private:
             throw std::out_of_range(call + " failed");
     }
 
+    // Codes of the converter, or floats, from the 16 bits of a file.
+    void convert(const std::int16_t* values, std::size_t count, void* buffer) const
+    {
+        for (std::size_t n = 0; n < count; n++) {
+            const int code = std::floor(values[n] / d_scale);
+            if (d_has_floats[SOAPY_SDR_RX])
+                static_cast<float*>(buffer)[n] = code * d_scale / 32768;
+            else
+                static_cast<std::int16_t*>(buffer)[n] = code;
+        }
+    }
+
+    void note_sent(const void* buffer, std::size_t count)
+    {
+        const int before = d_largest;
+        for (std::size_t n = 0; n < count; n++)
+            d_largest =
+                std::max(d_largest,
+                         d_has_floats[SOAPY_SDR_TX]
+                             ? int(std::abs(static_cast<const float*>(buffer)[n]) *
+                                   32768 / d_scale)
+                             : std::abs(static_cast<const std::int16_t*>(buffer)[n]));
+        if (d_largest > before && !d_sent.empty())
+            std::ofstream(d_sent) << d_largest;
+    }
+
     double stated(const char* what, double value) const
     {
         return d_nan == what ? std::numeric_limits<double>::quiet_NaN() : value;
@@ -280,6 +314,10 @@ private:
     std::map<std::size_t, std::size_t> d_drops, d_overflows;
     const bool d_has_bytes;
     const std::string d_throws, d_nan;
+    const float d_scale;
+    const std::string d_sent;
+    int d_largest = 0;
+    bool d_has_floats[2] = {}; // of the streams
     std::vector<std::vector<sample>> d_received;
     progress d_streams[2]; // SOAPY_SDR_TX is 0, SOAPY_SDR_RX 1
     double d_gain = 0, d_frequency = 900e6, d_rate = 1e6;

@@ -227,6 +227,35 @@ def test_append_after_a_power_failure_removes_only_the_incomplete_row(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["grip.csv", "grip.jsonl"])
+@pytest.mark.parametrize("zeros", [10, 200_000])
+def test_append_after_a_power_failure_removes_zeros_and_no_row(tmp_path, name, zeros):
+    """As many zeros as 64 KiB at the end of a file emptied it of all readings."""
+    path = tmp_path / name
+    write(open_writer(path, append=True), readings(0, 10))
+    whole = path.read_bytes()
+    for rows in (whole, whole[:-5], whole[:3], b""):
+        path.write_bytes(rows + bytes(zeros))
+        kept = rows[: rows.rfind(b"\n") + 1]
+        write(RotatingWriter(path, Rotation(size_bytes=10**6)), readings(10, 5))
+        assert path.read_bytes().startswith(kept)
+        assert path.read_bytes().count(b"\n") == max(kept.count(b"\n"), name == "grip.csv") + 10
+
+
+@pytest.mark.parametrize("name", ["grip.csv", "grip.jsonl"])
+def test_append_behind_a_line_that_is_no_row_refused_and_unchanged(tmp_path, name):
+    """A file with a long last line, of another program, was emptied."""
+    path = tmp_path / name
+    write(open_writer(path), readings(0, 10))
+    rows = path.read_bytes()
+    long = rows.replace(b"\n", b"") * 300
+    for content in (rows + long, rows + long + bytes(100), *([long] if "json" in name else [])):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=r"its last line has \d+ bytes"):
+            write(open_writer(path, append=True), readings(0, 1))
+        assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("name", ["grip.csv", "grip.jsonl"])
 @pytest.mark.parametrize("content", ["a,b\n1,2\n", "dear diary", "[1]\n"])
 def test_append_to_another_kind_of_file_refused_and_unchanged(tmp_path, name, content):
     path = tmp_path / name

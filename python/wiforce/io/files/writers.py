@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from ...errors import InputError, OutputError
 from ..optional import optional_modules
@@ -34,7 +34,7 @@ class ReadingsWriter(Output):
     """Writes readings, whole rows at once, to a file or, without a path, standard output.
 
     The previous content is kept until the first row, the end, or :meth:`begin`: a run that fails
-    before loses nothing. ``also`` are further columns.
+    before loses nothing. Rows after the end continue the file. ``also`` are further columns.
     """
 
     rows = 0  # taken so far
@@ -75,12 +75,14 @@ class ReadingsWriter(Output):
             if continued:
                 size_bytes = whole_rows(self._path, self._header)
                 self._file.cut(size_bytes)
-        self._begun = True
+        self._begun = self._append = True
         if not size_bytes:
             self._put(self._header)
         return self
 
     def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        if self._file is not None and self._file.closed:
+            self._begun = False
         self.begin()
         rows = list(rows)
         self._put(self._text(rows))
@@ -228,16 +230,41 @@ def open_writer(
 
 
 def whole_rows(path: str | Path, header: str) -> int:
-    """Bytes of the complete rows of a file with this ``header``, whose last may be cut off."""
+    """Bytes of the complete rows of a file with this ``header``, whose last may be cut off.
+
+    InputError for a file whose end is no row: nothing but a row, and zeros, may be cut off.
+    """
     with open(path, "rb") as file:
-        first = file.readline(LONGEST_ROW)
+        begin, end = _last_line(file)
+        file.seek(0)
+        first = file.readline(LONGEST_ROW) if begin else file.read(min(end, LONGEST_ROW))
         if first and not _may_begin(first, header.encode()):
             rule = "must begin with the columns of these readings, or nothing can be appended"
             raise InputError(path, rule, first.decode("utf-8", "replace").strip())
-        start = max(file.seek(0, os.SEEK_END) - LONGEST_ROW, 0)
+    if end - begin > LONGEST_ROW:
+        rule = "must end with a row of readings, or nothing can be appended: its last line has"
+        raise InputError(path, f"{rule} {end - begin} bytes")
+    return begin
+
+
+def _last_line(file: BinaryIO) -> tuple[int, int]:
+    """Where the incomplete last line begins and ends, but for zeros.
+
+    File systems leave zeros for data that had not reached the disk when the power failed.
+    """
+    end, begin = 0, file.seek(0, os.SEEK_END)
+    while begin:
+        start = max(begin - LONGEST_ROW, 0)
         file.seek(start)
-        end = file.read().rfind(b"\n") + 1
-    return start + end if end else 0
+        block = file.read(begin - start)
+        newline = block.rfind(b"\n") + 1
+        held = len(block.rstrip(b"\0"))
+        if not end and held > newline:
+            end = start + held
+        begin = start + newline
+        if newline:
+            break
+    return begin, max(begin, end)
 
 
 def _may_begin(line: bytes, header: bytes) -> bool:
