@@ -182,7 +182,7 @@ def live(
         settings = scene.files, also, append, metadata, rotation
         files = [open_writer(path, *settings) for path in outputs or [None]]
         line = not rows_on_terminal(outputs)
-        with Outputs() as outputs, ExitStack() as held:
+        with Outputs(needs_all=True) as outputs, ExitStack() as held:
             if zmq_endpoint is not None:
                 outputs.add(ReadingsPublisher(zmq_endpoint, keys=keys))
                 if keys is None and not is_loopback(endpoint_of(zmq_endpoint, "--zmq")):
@@ -314,8 +314,6 @@ def _run(
 
     def on_reading(reading):
         outputs.write(reading, health.stamp(reading))
-        if outputs.failure is not None:
-            raise outputs.failure
         health.note(reading)
         monitor.note(reading)
 
