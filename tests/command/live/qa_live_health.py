@@ -108,7 +108,7 @@ def test_live_reports_its_state_its_tares_its_tags_and_its_end(slow_scene, softw
     # What took less than the 50 ms between two looks at the state, or when the machine was busy, is
     # not sent; a tare measures a reference again.
     states = [m["state"] for m in beats if m["state"] not in ("acquiring", "reference")]
-    assert list(dict.fromkeys(states)) == ["waiting", "reading", "lost"]
+    assert list(dict.fromkeys(states)) == ["waiting", "reading", "lost", "ending"]
     end = messages[-1]
     assert (end["state"], end["reason"], end["exit_status"]) == ("ended", "request", 0)
     (run,) = {m["run"] for m in messages}
