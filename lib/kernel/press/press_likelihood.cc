@@ -226,12 +226,9 @@ double press_filter::hand_variance(std::size_t speed) const
 // any share of the group.
 double press_filter::update_amplitude(explanation& of, both_amplitudes& own) const
 {
-    const auto caused = caused_by_off(of, d_group.phase);
-    const double likelihood =
-        update_mean(of, own, d_amplitude - (caused[0] + caused[1]) / 2);
-    return likelihood +
-           own.update_difference(d_amplitude_difference - (caused[0] - caused[1]),
-                                 4 * d_amplitude_noise);
+    const auto seen = seen_amplitude(caused_by_off(of, d_group.phase));
+    const double likelihood = update_mean(of, own, seen.mean);
+    return likelihood + own.update_difference(seen.difference, seen.difference_variance);
 }
 
 double press_filter::update_mean(explanation& of, both_amplitudes& own, double seen) const
@@ -299,19 +296,18 @@ double press_filter::update_turn(explanation& to) const
     auto& own = to.press.strength;
     const double known = to.line.common.estimate().variance;
     const auto seen = to.change(d_group.phase);
-    pair_of_ends expected;
+    both_amplitudes by_contact;
     double turned = 0, off, variance, by_turn, by_loss;
     bool again = false;
     do {
         const pair_of_ends change{ seen[0] - turned, seen[1] - turned };
-        expected = d_off.amplitude(change);
+        by_contact = seen_amplitude(d_off.amplitude(change));
         const double slope = -d_off.slope(change);
         variance = slope * slope * known + 2 * slope * to.press.with_common +
-                   own.difference_variance + 4 * d_amplitude_noise;
+                   own.difference_variance + by_contact.difference_variance;
         by_turn = (slope * known + to.press.with_common) / variance;
         by_loss = (slope * to.press.with_common + own.difference_variance) / variance;
-        off = d_amplitude_difference - (expected[0] - expected[1]) - own.difference +
-              slope * turned;
+        off = by_contact.difference - own.difference + slope * turned;
         turned = by_turn * off;
         again = !again && std::abs(turned) > deg;
     } while (again);
@@ -321,8 +317,7 @@ double press_filter::update_turn(explanation& to) const
     to.press.with_common -= by_turn * by_loss * variance;
     to.line.common.turn(turned);
     to.line.common.narrow(std::max(1 - squared(by_turn) * variance / known, 1e-6));
-    return log_normal(off, variance) +
-           update_mean(to, own, d_amplitude - (expected[0] + expected[1]) / 2);
+    return log_normal(off, variance) + update_mean(to, own, by_contact.mean);
 }
 
 // Of a contact that loses something, or nothing, where the off states differ. A press is
@@ -355,17 +350,17 @@ void press_filter::begin_press(explanation& to) const
 // Of a press of which nothing but this group is known.
 void press_filter::see_strength(explanation& to) const
 {
-    to.press.strength = seen_amplitude();
-    const auto caused = caused_by_off(to, d_group.phase);
-    to.press.strength.grow({ -caused[0], -caused[1] });
+    to.press.strength = seen_amplitude(caused_by_off(to, d_group.phase));
     to.press.with_common = 0;
 }
 
-both_amplitudes press_filter::seen_amplitude() const
+// Of this group, without what something else has caused.
+both_amplitudes press_filter::seen_amplitude(const pair_of_ends& caused) const
 {
-    return {
-        d_amplitude, d_amplitude_difference, d_amplitude_noise, 4 * d_amplitude_noise
-    };
+    return { d_amplitude - (caused[0] + caused[1]) / 2,
+             d_amplitude_difference - (caused[0] - caused[1]),
+             d_amplitude_noise,
+             4 * d_amplitude_noise };
 }
 
 double press_filter::density(const explanation& of, const pair_of_ends& phase) const
