@@ -27,6 +27,12 @@ def free_port():
     return free_ports(1)[0]
 
 
+def own_address():
+    """A loopback address of this process, beside which the same test may run in another one."""
+    number = os.getpid()
+    return f"127.{64 + (number >> 16)}.{number >> 8 & 255}.{number & 255}"
+
+
 def wait_until(condition, limit=300, pause_s=0.02, process=None, meanwhile=None):
     """Wait until a condition holds, so many seconds at most; what it has returned then.
 
