@@ -4,6 +4,8 @@
 import copy
 import gc
 import importlib
+import subprocess
+import sys
 import weakref
 from types import SimpleNamespace
 
@@ -309,3 +311,23 @@ def test_flowgraph_keeps_its_blocks_and_frees_them():
     del flowgraph
     gc.collect()
     assert all(block() is None for block in kept)
+
+
+LEFT = """
+import os
+from functools import partial
+from gnuradio import blocks, gr, wiforce
+
+floats = wiforce.readings_to_floats()
+# Without a reference to this program, which would be a cycle.
+floats.closing = type("Closing", (), {"__del__": partial(os.write, 1, b"closed")})()
+flowgraph = gr.top_block()
+for port in range(4):
+    flowgraph.connect((floats, port), blocks.null_sink(4))
+"""
+
+
+def test_program_that_leaves_its_flowgraph_ends_with_its_blocks_destroyed():
+    """Threads of a USRP went on while the process ended, which could crash it."""
+    done = subprocess.run([sys.executable, "-c", LEFT], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "closed", "")

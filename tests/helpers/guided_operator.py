@@ -27,7 +27,7 @@ class GuidedOperator:
     after this time. ``shown``: what the command has shown so far, and what was typed.
     """
 
-    def __init__(self, device, command, seed=1, limit_s=100):
+    def __init__(self, device, command, seed=1, limit_s=300):
         self._device, self._rng = device, np.random.default_rng(seed)
         self._gain = 1 + _GAIN_STD * self._rng.standard_normal()
         self._zero_n = _ZERO_STD_N * self._rng.standard_normal()

@@ -3,22 +3,34 @@
 
 import os
 import resource
+import secrets
 import socket
 import sys
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 
 def free_ports(count):
-    """Ports that nobody listens at, now at least."""
+    """Ports that nobody listens at, below those that Linux gives to the clients of other tests."""
+    ports = []
     with ExitStack() as held:
-        servers = [held.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(count)]
-        return [server.getsockname()[1] for server in servers]
+        while len(ports) < count:
+            port = 10_000 + secrets.randbelow(22_768)
+            with suppress(OSError):
+                held.enter_context(socket.create_server(("127.0.0.1", port)))
+                ports.append(port)
+    return ports
 
 
 def free_port():
     return free_ports(1)[0]
+
+
+def own_address():
+    """A loopback address of this process, beside which the same test may run in another one."""
+    number = os.getpid()
+    return f"127.{64 + (number >> 16)}.{number >> 8 & 255}.{number & 255}"
 
 
 def wait_until(condition, limit=300, pause_s=0.02, process=None, meanwhile=None):

@@ -37,7 +37,7 @@ def serving(source, token=None, **options):
     thread = threading.Thread(target=lambda: asyncio.run(serve()))
     thread.start()
     try:
-        assert ready.wait(20)
+        assert ready.wait(100)
         yield f"http://127.0.0.1:{address.port}/", made[0]
     finally:
         made[1].call_soon_threadsafe(made[0].end)

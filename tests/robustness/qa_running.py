@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -19,13 +20,18 @@ READ = ("--scene", "scene.yaml")
 KILLS, LONG_KILLS = 3, 100
 
 
-def follow(sandbox, name, output, *options):
-    return subprocess.Popen(
+@contextmanager
+def following(sandbox, name, output, *options):
+    with subprocess.Popen(
         ["gr-wiforce", "read", name, *READ, "--follow", "-o", output, *options],
         cwd=sandbox.folder,
         stderr=subprocess.PIPE,
         text=True,
-    )
+    ) as reader:
+        try:
+            yield reader
+        finally:
+            reader.kill()
 
 
 def counted(summary):
@@ -44,16 +50,16 @@ def test_a_growing_capture_is_read_as_it_grows_and_as_when_it_is_whole(sandbox, 
     output, count = sandbox.folder / "grows.csv", readings.count("\n")
     with open(sandbox.folder / "grows.sigmf-data", "wb", buffering=0) as recording:
         recording.write(data[:1003])  # ends inside a sample
-        reader = follow(sandbox, "grows", output)
-        half = len(data) // 2
-        recording.write(data[1003:half])
-        # What the chain holds back: a group for its neighbour, and one that is not whole.
-        wait_until(lambda: rows_in(output) >= count // 2 - 3)
-        assert rows_in(output) < count - 2
-        recording.write(data[half:])
-        wait_until(lambda: rows_in(output) >= count - 2)
-    reader.send_signal(signal.SIGINT)
-    _, said = reader.communicate(timeout=300)
+        with following(sandbox, "grows", output) as reader:
+            half = len(data) // 2
+            recording.write(data[1003:half])
+            # What the chain holds back: a group for its neighbour, and one that is not whole.
+            wait_until(lambda: rows_in(output) >= count // 2 - 3, process=reader)
+            assert rows_in(output) < count - 2
+            recording.write(data[half:])
+            wait_until(lambda: rows_in(output) >= count - 2, process=reader)
+            reader.send_signal(signal.SIGINT)
+            _, said = reader.communicate(timeout=300)
     assert reader.returncode == 0, said
     assert output.read_text() == readings
     assert counted(said)[0] == count - 1
@@ -70,17 +76,17 @@ def test_a_gap_that_a_recorder_notes_while_we_read_is_a_gap_in_the_readings(sand
     output = sandbox.folder / "gappy.jsonl"
     with open(sandbox.folder / "gappy.sigmf-data", "wb", buffering=0) as recording:
         recording.write(data[: 4 * 20 * GROUP])
-        reader = follow(sandbox, "gappy", output)
-        wait_until(lambda: rows_in(output) >= 19)
-        meta["captures"].append(
-            {"core:sample_start": 20 * GROUP, "core:global_index": 20 * GROUP + lost}
-        )
-        (sandbox.folder / "new").write_text(json.dumps(meta))
-        os.replace(sandbox.folder / "new", path)
-        recording.write(data[4 * (20 * GROUP + lost) :])
-        wait_until(lambda: rows_in(output) >= 28)
-    reader.send_signal(signal.SIGTERM)
-    _, said = reader.communicate(timeout=300)
+        with following(sandbox, "gappy", output) as reader:
+            wait_until(lambda: rows_in(output) >= 19, process=reader)
+            meta["captures"].append(
+                {"core:sample_start": 20 * GROUP, "core:global_index": 20 * GROUP + lost}
+            )
+            (sandbox.folder / "new").write_text(json.dumps(meta))
+            os.replace(sandbox.folder / "new", path)
+            recording.write(data[4 * (20 * GROUP + lost) :])
+            wait_until(lambda: rows_in(output) >= 28, process=reader)
+            reader.send_signal(signal.SIGTERM)
+            _, said = reader.communicate(timeout=300)
     assert reader.returncode == 0, said
     rows = [json.loads(line) for line in output.read_text().splitlines()]
     assert [i for i, row in enumerate(rows) if row["flags"] == "gap"] == [20, 21, 22]
@@ -115,11 +121,9 @@ def test_a_killed_reader_leaves_whole_rows_and_no_hindrance(sandbox, readings, l
     complete_s = time.monotonic() - began
     for _ in range(LONG_KILLS if long_run else KILLS):
         output.unlink(missing_ok=True)
-        reader = follow(sandbox, "killed", output)
-        time.sleep(rng.random() * 1.2 * complete_s)
-        seen = output.read_text() if output.exists() else ""
-        reader.kill()
-        reader.communicate(timeout=300)
+        with following(sandbox, "killed", output):
+            time.sleep(rng.random() * 1.2 * complete_s)
+            seen = output.read_text() if output.exists() else ""
         written = output.read_text() if output.exists() else ""
         assert written == readings[: len(written)] and written[-1:] in ("", "\n")
         assert len(written) >= len(seen)

@@ -12,7 +12,7 @@ from gnuradio.wiforce.io.readings import Reading, written_utc
 from gnuradio.wiforce.press.sensor_state import PATIENCE_S, describe_silence
 
 from ..shell.log import log
-from .radio_keeper import OPENING, RECONNECTING, RUNNING, RadioKeeper
+from .radio_keeper import OPENING, RECONNECTING, RUNNING, STOPPING, RadioKeeper
 from .requests import WarningPace
 from .session import LiveSession
 
@@ -23,6 +23,7 @@ _LOOK_S = 0.05
 _WITHOUT_DEVICE = {
     OPENING: ("waiting", "the device is not open yet"),
     RECONNECTING: ("lost", "the device is lost, and sought again"),
+    STOPPING: ("ending", ""),
 }
 _DROPPED = ("gap",)  # flags of a group that was not received
 # Signal by which a tare may take longer than its reference, for groups in processing.

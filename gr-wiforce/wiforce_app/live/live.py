@@ -5,6 +5,7 @@ import secrets
 import signal
 import sys
 import threading
+from contextlib import ExitStack, closing
 from datetime import datetime, timezone
 from functools import partial
 
@@ -181,7 +182,7 @@ def live(
         settings = scene.files, also, append, metadata, rotation
         files = [open_writer(path, *settings) for path in outputs or [None]]
         line = not rows_on_terminal(outputs)
-        with Outputs() as outputs:
+        with Outputs(needs_all=True) as outputs, ExitStack() as held:
             if zmq_endpoint is not None:
                 outputs.add(ReadingsPublisher(zmq_endpoint, keys=keys))
                 if keys is None and not is_loopback(endpoint_of(zmq_endpoint, "--zmq")):
@@ -193,10 +194,8 @@ def live(
             endpoints = [(control, keys)] if control else []
             if web is not None:
                 endpoints.append((_open_page(outputs, web, web_token), None))
-            for file in files:  # the last: a pipe may wait for its reader
-                outputs.add(file)
             options = {"tracked": tracked, "recording": record}
-            given = scene, request, outputs, run, endpoints, duration, reconnect, line
+            given = scene, request, outputs, files, run, endpoints, held, duration, reconnect, line
             return _run(*given, **options)
     except DeviceLost as lost:
         kept = "all readings until then are kept" if outputs.rows else "there are no readings"
@@ -296,7 +295,9 @@ def warn_of_oscillators(link):
         log.warning(f"the {direction} oscillator does not lock; readings may drift")
 
 
-def _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **options):
+def _run(
+    scene, request, outputs, files, run, endpoints, held, duration, reconnect, line, **options
+):
     """The exit status of a session until a signal, a request or `duration`; or DeviceLost."""
     from ..radio.request import shorten_pauses
     from .health import Heartbeat, RunHealth, ServiceManager
@@ -306,6 +307,31 @@ def _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **o
     from .session import LiveSession
 
     ending = _Ending()
+
+    def opened(link):
+        outputs.begin()
+        warn_of_oscillators(link)
+        log.debug(f"opened {link.hardware}")
+
+    def on_reading(reading):
+        outputs.write(reading, health.stamp(reading))
+        health.note(reading)
+        monitor.note(reading)
+
+    session = LiveSession(scene, request, on_reading, **options)
+    reader = session.reader
+    keeper = RadioKeeper(request, session, reconnect, on_open=opened)
+    health = RunHealth(run, session, log.info, lambda: keeper.state)
+    monitor = SessionMonitor(session, health, line=line)
+    service = ServiceManager(session, keeper)
+    tares = TareLog(session, log.info)
+    requests = []
+    for endpoint, keys in endpoints:
+        stop = partial(ending.request, "request")
+        replies = serve_requests(endpoint, tares, monitor.status, stop=stop, keys=keys)
+        requests.append(held.enter_context(closing(replies)))
+    for file in files:  # the last: a pipe may wait for its reader
+        outputs.add(file)
     numbers = signal.SIGINT, signal.SIGTERM
     before = {number: signal.getsignal(number) for number in numbers}
 
@@ -317,31 +343,7 @@ def _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **o
     for number in numbers:
         signal.signal(number, end)
     shorten_pauses()
-
-    def opened(link):
-        outputs.begin()
-        warn_of_oscillators(link)
-        log.debug(f"opened {link.hardware}")
-
-    def on_reading(reading):
-        outputs.write(reading, health.stamp(reading))
-        if outputs.failure is not None:
-            raise outputs.failure
-        health.note(reading)
-        monitor.note(reading)
-
-    session = LiveSession(scene, request, on_reading, **options)
-    reader = session.reader
-    keeper = RadioKeeper(request, session, reconnect, on_open=opened)
-    health = RunHealth(run, session, log.info, lambda: keeper.state)
-    monitor = SessionMonitor(session, health, line=line)
-    service = ServiceManager(session, keeper)
-    tares = TareLog(session, log.info)
     signal.signal(signal.SIGUSR1, lambda *_: tares.request())
-    requests = []
-    for endpoint, keys in endpoints:
-        stop = partial(ending.request, "request")
-        requests.append(serve_requests(endpoint, tares, monitor.status, stop=stop, keys=keys))
     try:
         with Heartbeat(health.report, lambda report: outputs.send("heartbeat", report)):
             try:
@@ -367,8 +369,6 @@ def _run(scene, request, outputs, run, endpoints, duration, reconnect, line, **o
         service.close()
         health.look()
         monitor.finish()
-        for each in requests:
-            each.close()
         failure = session.recording_failure
         outputs.send("end", {**health.report(), **ending.report(failure)})
         if failure is not None:

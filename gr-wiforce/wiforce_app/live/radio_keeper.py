@@ -12,7 +12,7 @@ from ..shell.log import log
 from .requests import WarningPace
 from .session import LiveSession
 
-OPENING, RUNNING, RECONNECTING = "opening", "running", "reconnecting"
+OPENING, RUNNING, RECONNECTING, STOPPING = "opening", "running", "reconnecting", "stopping"
 
 _SHORTEST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
 _STEADY_S = 10.0  # of samples, after which the next loss is not the last one continued
@@ -70,6 +70,7 @@ class RadioKeeper:
 
     def stop(self) -> None:
         """Stop the device; the session's stream ends after the samples received so far."""
+        self.state = STOPPING
         if self._link is not None:
             if self._attached:
                 self._link.stop()

@@ -3,6 +3,7 @@
 
 import dataclasses
 import json
+from functools import partial
 
 import click
 import numpy as np
@@ -75,7 +76,10 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
         from gnuradio.wiforce.io.capture import open_capture
         from gnuradio.wiforce.receiver.captures import survey_room
 
-        room = survey_room(open_capture(capture_path, datatype), settings)
+        from ..read.recordings import warn
+
+        recording = open_capture(capture_path, datatype)
+        room = survey_room(recording, scene, [], partial(warn, recording.path))
         report["room"] = _room(room)
     if improve:
         report["proposals"] = [dataclasses.asdict(p) for p in proposals_for(settings)]

@@ -2,12 +2,12 @@
 """``gr-wiforce survey``: what else is in the room of a capture."""
 
 import json
+from functools import partial
 
 import click
 import numpy as np
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.palette import FAINT, INK, MARKERS, SERIES
-from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver.captures import survey_room
 from gnuradio.wiforce.scene import scene_of
 from gnuradio.wiforce.signal.lines import aliased_hz
@@ -99,9 +99,7 @@ def survey(capture, scene_path, datatype, as_json, plot_path):
     recording = open_capture(capture, datatype)
     scene, differences = scene_of(recording, scene_path)
     check_picture(plot_path, [*recording.files, *scene.files])
-    for text in filter(None, (*differences, recording.incomplete)):
-        warn(recording.path, text)
-    found = survey_room(recording, plan(scene))
+    found = survey_room(recording, scene, differences, partial(warn, recording.path))
     if plot_path is not None:
         plot_survey(found.survey, found.findings, found.plan, plot_path, str(capture))
     click.echo(json.dumps(found.report(), indent=2) if as_json else str(found))

@@ -31,7 +31,7 @@ def read_one(
     settings = plan(scene)
     inputs = [*recording.files, *scene.files]
     check_picture(plot_path, inputs)
-    writer = FileOutputs(*_writers(outputs, mcap, inputs, scene))
+    writer = FileOutputs(*_writers(outputs, mcap, inputs, scene), needs_all=follow)
     if follow:
         reader = GrowingCapture(capture, datatype, settings, frame_offset, tracked)
     else:
@@ -46,8 +46,6 @@ def read_one(
                 if plot_path is not None:
                     kept += batch
                 step(len(batch))
-                if follow and writer.failure is not None:
-                    break
     except KeyboardInterrupt as interrupt:
         raise Interrupted(_partial(writer, outputs, rows)) from interrupt
     warn_of_end(capture, reader)

@@ -183,6 +183,7 @@ private:
     bool shows_turns(const explanation& of) const;
     bool sees_turns(const explanation& of) const;
     both_amplitudes seen_strength(const explanation& of) const;
+    both_amplitudes seen_beside(const pair_of_ends& caused) const;
 
     // Groups in which something changes.
     static double chord(const mixture& seen,

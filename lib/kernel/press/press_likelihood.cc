@@ -225,11 +225,9 @@ double press_filter::hand_variance(std::size_t speed) const
 
 double press_filter::update_amplitude(explanation& of, both_amplitudes& own) const
 {
-    const auto caused = caused_by_off(of, d_group.phase);
-    const double likelihood =
-        update_mean(of, own, d_seen.mean - (caused[0] + caused[1]) / 2);
-    return likelihood + own.update_difference(d_seen.difference - (caused[0] - caused[1]),
-                                              d_seen.difference_variance);
+    const auto seen = seen_beside(caused_by_off(of, d_group.phase));
+    const double likelihood = update_mean(of, own, seen.mean);
+    return likelihood + own.update_difference(seen.difference, seen.difference_variance);
 }
 
 // As far as the tag was received: where its supply has failed, both amplitudes are those
@@ -299,19 +297,18 @@ double press_filter::update_turn(explanation& to) const
     auto& own = to.press.strength;
     const double known = to.line.common.estimate().variance;
     const auto seen = to.change(d_group.phase);
-    pair_of_ends expected;
+    both_amplitudes by_contact;
     double turned = 0, off, variance, by_turn, by_loss;
     bool again = false;
     do {
         const pair_of_ends change{ seen[0] - turned, seen[1] - turned };
-        expected = d_off.amplitude(change);
+        by_contact = seen_beside(d_off.amplitude(change));
         const double slope = -d_off.slope(change);
         variance = slope * slope * known + 2 * slope * to.press.with_common +
-                   own.difference_variance + d_seen.difference_variance;
+                   own.difference_variance + by_contact.difference_variance;
         by_turn = (slope * known + to.press.with_common) / variance;
         by_loss = (slope * to.press.with_common + own.difference_variance) / variance;
-        off = d_seen.difference - (expected[0] - expected[1]) - own.difference +
-              slope * turned;
+        off = by_contact.difference - own.difference + slope * turned;
         turned = by_turn * off;
         again = !again && std::abs(turned) > deg;
     } while (again);
@@ -323,8 +320,7 @@ double press_filter::update_turn(explanation& to) const
     const double ratio = std::max(1 - squared(by_turn) * variance / known, 1e-6);
     to.line.common.narrow(ratio);
     to.press.held.common.tie((ratio - 1) * to.press.held.common.with());
-    return log_normal(off, variance) +
-           update_mean(to, own, d_seen.mean - (expected[0] + expected[1]) / 2);
+    return log_normal(off, variance) + update_mean(to, own, by_contact.mean);
 }
 
 // Of a contact that loses something, or nothing, where the off states differ. A press is
@@ -357,10 +353,16 @@ void press_filter::begin_press(explanation& to) const
 // Of a press of which nothing but this group is known.
 void press_filter::see_strength(explanation& to) const
 {
-    to.press.strength = d_seen;
-    const auto caused = caused_by_off(to, d_group.phase);
-    to.press.strength.grow({ -caused[0], -caused[1] });
+    to.press.strength = seen_beside(caused_by_off(to, d_group.phase));
     to.press.with_common = 0;
+}
+
+// Of this group, without what something else has caused.
+both_amplitudes press_filter::seen_beside(const pair_of_ends& caused) const
+{
+    auto seen = d_seen;
+    seen.grow({ -caused[0], -caused[1] });
+    return seen;
 }
 
 double press_filter::density(const explanation& of, const pair_of_ends& phase) const

@@ -419,7 +419,10 @@ static py::object kept_with(std::shared_ptr<gr::basic_block> block, py::object o
     std::shared_ptr<gr::basic_block> kept(
         pointer,
         [block = std::move(block), owner = owner.release()](gr::basic_block*) mutable {
-            if (Py_IsInitialized()) {
+            // The thread that ends the interpreter, which then counts as not initialized,
+            // still destroys what programs have left: a device must be closed.
+            if (Py_IsInitialized() ||
+                (PyGILState_GetThisThreadState() && PyGILState_Check())) {
                 py::gil_scoped_acquire lock;
                 owner.dec_ref();
             }

@@ -281,11 +281,14 @@ class timed_frames(Kept, gr.sync_block):
         self._first, self._skipped, self._next_look = None, 0, 0
         self._stopped.clear()
         if self._watches:
-            threading.Thread(target=self._watch, name="device_watch", daemon=True).start()
+            self._watching = threading.Thread(target=self._watch, name="device_watch", daemon=True)
+            self._watching.start()
         return super().start()
 
     def stop(self) -> bool:
         self._stopped.set()
+        if self._watches:
+            self._watching.join()  # or it might keep the device open as the process ends
         return super().stop()
 
     def _watch(self) -> None:

@@ -56,12 +56,16 @@ class Output:
 
 
 class Outputs(Output):
-    """Outputs that get the same rows, and are ended in reverse order."""
+    """Outputs that get the same rows, and are ended in reverse order.
+
+    ``needs_all``: the first that cannot be written further ends them, rather than the last.
+    """
 
     rows = 0  # given to all of them so far
     failure: OSError | None = None  # of the first that cannot be written further
 
-    def __init__(self, *outputs: Output) -> None:
+    def __init__(self, *outputs: Output, needs_all: bool = False) -> None:
+        self._needs_all = needs_all
         self._outputs: list[Output] = []
         self._ending = ExitStack()
         for output in outputs:
@@ -83,14 +87,14 @@ class Outputs(Output):
         return self
 
     def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
-        """Give rows to all outputs; raises the first ``failure`` once there are no others."""
+        """Give rows to all outputs; raises the first ``failure`` where that ends them."""
         rows, failed = list(rows), 0
         for output in self._outputs:
             try:
                 output.write_rows(rows)
             except OSError as error:
                 self.failure, failed = self.failure or error, failed + 1
-        if self.failure is not None and failed == len(self._outputs):
+        if self.failure is not None and (self._needs_all or failed == len(self._outputs)):
             raise self.failure
         self.rows += len(rows)
 

@@ -115,7 +115,7 @@ def complete_definition(type_name: str) -> str:
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _OK, _WARN, _ERROR = 0, 1, 2
-_LEVELS = {"reading": _OK, "lost": _ERROR}
+_LEVELS = {"reading": _OK, "ending": _OK, "lost": _ERROR}
 _TOUCH_UNKNOWN = -1
 _HEALTH_TOPIC = "/diagnostics"  # where ROS tools expect it
 _CLEAR, _FLAGGED = "wrench", "wrench_doubtful"

@@ -356,15 +356,20 @@ def survey(
     'arm'
     """
     recording = capture if isinstance(capture, Capture) else open_capture(capture, datatype)
-    found, differences = scene_of(recording, scene)
+    return survey_room(
+        recording,
+        *scene_of(recording, scene),
+        lambda text: warnings.warn(f"{recording.path}: {text}", stacklevel=4),
+    )
+
+
+def survey_room(
+    recording: Capture, scene: Scene, differences: list[str], warn: Callable[[str], None]
+) -> RoomSurvey:
+    """Survey the room of an open capture (:func:`survey`), by what :func:`scene_of` gives."""
     for text in filter(None, (*differences, recording.incomplete)):
-        warnings.warn(f"{recording.path}: {text}", stacklevel=2)
-    return survey_room(recording, plan_of(found))
-
-
-def survey_room(recording: Capture, settings: Plan) -> RoomSurvey:
-    """Survey the room of an open capture (:func:`survey`), by the plan of its scene."""
-    batches: list[Groups] = []
+        warn(text)
+    settings, batches = plan_of(scene), list[Groups]()
     reader = RecordingReader(recording, settings, on_groups=batches.append)
     if reader.survey is None:
         rule = "cannot be surveyed: needs 0.1 s of untouched reference without gaps"

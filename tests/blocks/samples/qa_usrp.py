@@ -3,6 +3,8 @@
 
 import gc
 import importlib
+import threading
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -165,3 +167,21 @@ def test_frames_say_once_that_the_device_is_lost(monkeypatch):
     frames.stop()
     ((sentence, left),) = said
     assert "the device is lost" in sentence and left == 0 and statuses == [1]
+
+
+def test_frames_that_are_stopped_ask_their_device_no_more(monkeypatch):
+    """What still held the device as a program ended kept it open, which could crash the process."""
+    monkeypatch.setattr(usrp_block, "PATIENCE_S", 0)
+    asked, ended = threading.Event(), []
+
+    def ask():
+        asked.set()
+        time.sleep(0.3)
+        ended.append(True)
+
+    frames = timed_frames(lambda: (0, 0.0), ask, np.zeros((4, 2), np.int16), 1e3, watches=True)
+    frames.start()
+    assert asked.wait(60)
+    frames.stop()
+    assert ended
+    assert not [thread for thread in threading.enumerate() if thread.name == "device_watch"]

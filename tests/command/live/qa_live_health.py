@@ -82,7 +82,7 @@ def test_live_reports_its_state_its_tares_its_tags_and_its_end(slow_scene, softw
         forced = ask(client, "tare force")
         assert forced["ok"] and forced["forced"]
         # From the first group on that is compared with the new reference.
-        wait_until(lambda: doubted(run_command("status", control_port, "--json")), 30)
+        wait_until(lambda: doubted(run_command("status", control_port, "--json")))
         device.command("release arm")
         messages += until(subscriber, settled(0))
         complete = ask(client, "tare")
@@ -92,7 +92,7 @@ def test_live_reports_its_state_its_tares_its_tags_and_its_end(slow_scene, softw
         messages += until(subscriber, lambda m: in_state("lost")(m) and not starved(m))
         lost = messages[-1]
         assert lost["reason"] == "not received: arm" and not lost["sensors"]["arm"]["received"]
-        done = run_command("status", control_port, "--json")
+        done = run_command("status", control_port, "--json", "--timeout", 60)
         found = json.loads(done.stdout)
         assert done.returncode == 1 and not found["healthy"] and found["state"] == "lost"
         device.command("fault 0 on arm")
@@ -108,7 +108,7 @@ def test_live_reports_its_state_its_tares_its_tags_and_its_end(slow_scene, softw
     # What took less than the 50 ms between two looks at the state, or when the machine was busy, is
     # not sent; a tare measures a reference again.
     states = [m["state"] for m in beats if m["state"] not in ("acquiring", "reference")]
-    assert list(dict.fromkeys(states)) == ["waiting", "reading", "lost"]
+    assert list(dict.fromkeys(states)) == ["waiting", "reading", "lost", "ending"]
     end = messages[-1]
     assert (end["state"], end["reason"], end["exit_status"]) == ("ended", "request", 0)
     (run,) = {m["run"] for m in messages}

@@ -57,13 +57,17 @@ def test_live_outputs_that_cannot_be_opened_keep_what_is_there(tmp_path):
     kept = [tmp_path / "run.sigmf-data", tmp_path / "kept.jsonl"]
     for path in kept:
         path.write_text("precious")
-    pipe = tmp_path / "pipe.csv"
+    pipe, unread = tmp_path / "pipe.csv", tmp_path / "unread.csv"
     os.mkfifo(pipe)
+    os.mkfifo(unread)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         for options, words in (
             (["-o", kept[1], "--record", tmp_path / "run"], ["run.sigmf-data", "exists"]),
+            # Not after a wait for a reader of the pipe.
+            (["-o", unread, "--record", tmp_path / "run"], ["run.sigmf-data", "exists"]),
+            (["-o", unread, "--control", port], ["--control", "in use"]),
             (["-o", pipe, "-o", kept[1], "--zmq", port], ["--zmq", "in use"]),
             (["-o", pipe, "-o", tmp_path / "out.txt"], ["out.txt", ".csv"]),
             (["-o", kept[1], "--control", port], ["--control", "in use"]),

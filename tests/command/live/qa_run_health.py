@@ -11,7 +11,7 @@ from gnuradio.wiforce.press.evidence import Suspicion
 from gnuradio.wiforce.press.tares import TareState
 from wiforce_app.live.clients import problems_of
 from wiforce_app.live.health import RunHealth
-from wiforce_app.live.radio_keeper import OPENING, RECONNECTING, RUNNING
+from wiforce_app.live.radio_keeper import OPENING, RECONNECTING, RUNNING, STOPPING
 from wiforce_app.live.requests import TareLog
 from wiforce_app.radio.streams import ClockComparison
 
@@ -136,6 +136,8 @@ def test_health_without_samples_or_device_is_waiting_and_later_lost(run):
     assert run.read(0.5)[0] == "reading"
     run.device = RECONNECTING
     assert run.health.state == ("lost", "the device is lost, and sought again")
+    run.device = STOPPING
+    assert run.health.state == ("ending", "")
     run.device = RUNNING
     assert run.read(0.5)[0] == "reading"
 

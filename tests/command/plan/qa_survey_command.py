@@ -119,13 +119,17 @@ def test_plan_of_capture_states_what_its_room_adds(captures, busy):
 
 
 def test_survey_and_plan_of_raw_samples_find_what_those_of_the_capture_do(captures, busy):
-    raw = ["--datatype", "ci16_le"]
+    raw, scene = ["--datatype", "ci16_le"], captures / "busy.yaml"
     data = shutil.copy(captures / "busy.sigmf-data", captures / "raw.bin")
-    done = run_command("survey", data, "--scene", captures / "busy.yaml", *raw, "--json")
+    with open(data, "ab") as file:
+        file.write(b"\0")
+    done = run_command("survey", data, "--scene", scene, *raw, "--json")
     assert json.loads(done.stdout)["findings"] == busy["findings"], done.stderr
-    done = run_command("plan", captures / "busy.yaml", "--capture", data, *raw, "--json")
+    assert "raw.bin: ends within a sample" in done.stderr
+    done = run_command("plan", scene, "--capture", data, *raw, "--json")
     assert json.loads(done.stdout)["room"]["findings"] == busy["findings"], done.stderr
-    assert "give --capture as well" in refused("plan", captures / "busy.yaml", *raw)
+    assert "raw.bin: ends within a sample" in done.stderr
+    assert "give --capture as well" in refused("plan", scene, *raw)
 
 
 @pytest.mark.parametrize(

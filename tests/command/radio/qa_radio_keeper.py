@@ -11,6 +11,7 @@ from unittest.mock import Mock
 import pytest
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.network.device_lock import DeviceBusy, DeviceLock
+from machine import own_address
 from wiforce_app.live.radio_keeper import RadioKeeper
 from wiforce_app.radio.request import DeviceAbsent, DeviceLost
 from wiforce_app.radio.streams import Progress
@@ -139,23 +140,23 @@ def test_lock_second_process_is_refused_until_the_first_ends():
         "print('held', flush=True)\n"
         "sys.stdin.read()\n"
     )
-    own = os.getpid()
-    command = [sys.executable, "-c", program, f"type=x,addr=127.1.2.3,tag={own}", f"serial{own}"]
+    own, args = os.getpid(), f"addr={own_address()}"
+    command = [sys.executable, "-c", program, f"type=x,{args},tag=y", f"serial{own}"]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as other:
         assert other.stdout.readline() == "held\n"
         with pytest.raises(DeviceBusy, match="in use by another process"):
-            DeviceLock("addr=127.1.2.3", handover_s=0.2)
+            DeviceLock(args, handover_s=0.2)
         with pytest.raises(DeviceBusy, match="in use by another process"):
             # Opened by another address, it is known by its serial number.
             DeviceLock("addr=127.1.2.4").take_serial(f"serial{own}")
         other.kill()
         other.wait()
-    lock = DeviceLock("addr=127.1.2.3", handover_s=0.2)
+    lock = DeviceLock(args, handover_s=0.2)
     lock.take_serial(f"serial{own}")
     lock.release()
-    DeviceLock("addr=127.1.2.3", handover_s=0.2).release()
+    DeviceLock(args, handover_s=0.2).release()
 
 
 def test_keeper_warns_of_underflows_at_growing_intervals(capsys):

@@ -268,6 +268,18 @@ def test_follower_finds_frames_after_an_unknown_loss():
     assert np.abs(late[-64:] - late[0]).max() < 1.5
 
 
+@pytest.mark.parametrize(("within", "lost"), [(50, 4), (0, 3)])
+def test_follower_gap_costs_only_the_frames_that_it_hits(within, lost):
+    """Frames that are skipped besides give all later ones the times of their predecessors."""
+    items, start = received_by_antennas(0), 700 * LENGTH + within
+    end = start + 3 * LENGTH
+    whole, follower = FrameFollower(LENGTH).take(items), FrameFollower(LENGTH)
+    before = len(follower.take(items[:start])) + len(follower.lose(end - start, 4))
+    after = follower.take(items[end:])
+    assert (before, follower.lost) == (700 * LENGTH, lost)
+    assert np.array_equal(after[: 64 * LENGTH], whole[(700 + lost) * LENGTH :][: 64 * LENGTH])
+
+
 def test_free_fold_vectors_of_both_antennas_have_one_phase_and_indices_over_gaps():
     items, start, lost = received_by_antennas(8), 700 * LENGTH + 50, 3 * LENGTH
     items = np.concatenate([items[:start], items[start + lost :]])

@@ -113,9 +113,11 @@ def test_outputs_beside_a_full_standard_output_get_all_rows(tmp_path, monkeypatc
             for _ in range(2):
                 outputs.write(UNKNOWN)
         assert outputs.failure is not None and outputs.rows == file.rows == 2
-        with pytest.raises(OSError, match="No space left"), Outputs(stdout) as outputs:
-            outputs.write(UNKNOWN)
-            raise AssertionError("nothing takes rows any more")
+        other = open_writer(tmp_path / "other.csv")
+        for outputs in (Outputs(stdout), Outputs(stdout, other, needs_all=True)):
+            with pytest.raises(OSError, match="No space left"), outputs:
+                outputs.write(UNKNOWN)
+                raise AssertionError("no more rows are wanted")
 
 
 @pytest.mark.parametrize("fails", [False, True])

@@ -110,6 +110,7 @@ def test_wrench_flagged_readings_have_a_topic_of_their_own(changes, expected):
             {"sensors": {"arm": {"age_s": 0.1, "received": True, "reference_problem": "forced"}}},
             [0, 1],
         ),
+        ({"state": "ending"}, [0, 0]),
         ({"state": "ended", "reason": "signal", "exit_status": 0}, [0, 0]),
         ({"state": "ended", "reason": "disk full", "exit_status": 1}, [2, 0]),
     ],

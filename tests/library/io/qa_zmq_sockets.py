@@ -114,6 +114,21 @@ def test_request_needs_keys_on_both_sides_or_none(folders):
         assert not asked
 
 
+@pytest.mark.timeout(60)
+def test_request_refused_before_it_is_sent_ends_at_once(folders, monkeypatch):
+    """On a busy machine the reader refuses a client before the client sends."""
+    own, _ = folders
+    send = zmq.Socket.send_string
+
+    def send_late(client, *words):
+        wait_until(lambda: not client.poll(0, zmq.POLLOUT))
+        send(client, *words)
+
+    monkeypatch.setattr(zmq.Socket, "send_string", send_late)
+    with served() as (port, _), pytest.raises(InputError, match="--zmq-keys: must be .* or none"):
+        request(str(port), "status", WAIT_S, keys=ClientKeys.load(own))
+
+
 def test_client_keys_can_be_added_and_removed_while_the_server_runs(folders):
     """A laptop that was stolen must be locked out without a restart."""
     own, _ = folders

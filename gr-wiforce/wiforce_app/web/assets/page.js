@@ -214,7 +214,7 @@ function drawTare(state) {
   const measuring = tare.state === "measuring";
   const button = byId("tare");
   setText(button, measuring ? "Measuring…" : page.asked ? "Asked…" : "Tare");
-  const idle = ["ended", "lost", "waiting", "connecting", "disconnected"].includes(state);
+  const idle = ["ending", "ended", "lost", "waiting", "connecting", "disconnected"].includes(state);
   button.disabled = !status.can_tare || measuring || page.asked || idle;
   button.title = status.can_tare
     ? "Measure the untouched reference again; nothing may press a sensor."

@@ -433,7 +433,8 @@ class FrameFollower:
             frames.append(found)
         self._at += len(held) + samples
         self._held = None
-        missed = max(math.ceil((self._at - self._next) / self.period), 0)
+        # Frames are cut at the nearest sample, which may be the first one behind the gap.
+        missed = max(math.ceil((self._at - 0.5 - self._next) / self.period), 0)
         self._next += missed * self.period
         self.lost += missed
         self._jump = None

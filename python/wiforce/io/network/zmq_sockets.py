@@ -330,7 +330,8 @@ def request(
         )
         try:
             client.connect(address)
-            client.send_string(word)
+            with suppress(zmq.Again):  # refused already: to send would wait for ever
+                client.send_string(word, zmq.NOBLOCK)
             poller = zmq.Poller()
             poller.register(client, zmq.POLLIN)
             poller.register(refusals, zmq.POLLIN)
