@@ -276,7 +276,7 @@ def _verdict(model, verdicts, suspected):
                 "do: docs/sensors.md, Flags)"
             )
     if not model.ruler_std_mm:
-        yield "  locations are taken as exact (--ruler-std-mm): what they are off shifts readings"
+        yield "  locations are taken as exact: a wrong ruler shifts readings (see --ruler-std-mm)"
     yield from (f"warning: {warning}" for warning in sensor.calibration_warnings(model))
     yield ""
 

@@ -181,7 +181,7 @@ def _text_of(error):
 def _destination(output, form):
     """Folder and suffix of the readings, and the one Parquet file that holds all, or None."""
     if output is None:
-        rule = "is needed for several captures: a folder, or a file that ends in .parquet"
+        rule = "is needed for several captures or a folder of them: a folder, or OUT.parquet"
         raise InputError("--output", rule)
     path = Path(output)
     if output.lower().endswith(".parquet"):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Groups of subcommands that are imported on first use, and help by headings."""
 
+import difflib
 import gc
 import importlib
 from contextlib import contextmanager
@@ -33,6 +34,15 @@ class LazyGroup(click.Group):
         gc.freeze()
         gc.enable()
         return getattr(module, name.replace("-", "_"))
+
+    def resolve_command(self, ctx, args):
+        name = args[0]
+        unknown = name[:1].isalpha() and self.get_command(ctx, name) is None
+        if unknown and not ctx.resilient_parsing:
+            near = difflib.get_close_matches(name, self._commands, n=1)
+            hint = f"Did you mean '{near[0]}'?" if near else f"See {ctx.command_path} --help."
+            ctx.fail(f"No such command '{name}'. {hint}")
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx):
         with _gnuradio_named(ctx):

@@ -141,6 +141,8 @@ _TAIL_BYTES = 8 << 20
 # Most that one call reads, so that viewers are served meanwhile.
 _CHUNK_BYTES = 1 << 20
 _NEEDED = ("time_s", "sensor")
+# A file without new rows for so long is probably complete: groups last a few seconds at most.
+_COMPLETE_S = 10.0
 
 
 class FileSource:
@@ -148,8 +150,8 @@ class FileSource:
 
     control = keys = None
 
-    def __init__(self, path: str | Path):
-        self._path = Path(path)
+    def __init__(self, path: str | Path, now: Callable[[], float] = time.monotonic):
+        self._path, self._now, self._grown_s = Path(path), now, now()
         form = format_of(path)
         if form is None or not form.text:
             raise InputError(path, "must be a file .csv or .jsonl, or a ZMQ endpoint tcp://...")
@@ -166,6 +168,8 @@ class FileSource:
         # A chunk without an end of a line is no row of readings.
         end = data.rfind(b"\n") + 1 or len(data) // _CHUNK_BYTES * _CHUNK_BYTES
         self._offset += end
+        if end:
+            self._grown_s = self._now()
         for line in data[:end].decode("utf-8", "replace").split("\n"):
             fields = zip(self._columns, [] if self._lines else _fields(line), strict=False)
             values = loaded(line) if self._lines else dict(fields)
@@ -176,6 +180,8 @@ class FileSource:
             exists = self._path.exists()
             state = "waiting"
             reason = "no readings in the file yet" if exists else "the file does not exist yet"
+        elif self._now() - self._grown_s > _COMPLETE_S:
+            reason = "the file has stopped growing: point at a curve for its readings"
         status = {"state": state, "reason": reason, "sensors": self._sensors}
         page_state.show({"source": self._path.name, "can_tare": False, **status})
 

@@ -87,7 +87,9 @@ def test_list_shows_shipped_names_with_a_description():
 
 LIVE = "live --scene demo --args x"
 BAD_USAGE = {
-    "nonsense": "No such command 'nonsense'",
+    "nonsense": "No such command 'nonsense'. See gr-wiforce --help.",
+    "raed press": "No such command 'raed'. Did you mean 'read'?",
+    "bench sped": "bench: No such command 'sped'. Did you mean 'speed'?",
     "simulate": "simulate: Missing argument 'SCENE.yaml'",
     "simulate none.yaml x": "none.yaml: cannot be read",
     "simulate no\\nne.yaml x": "no ne.yaml: cannot be read",

@@ -191,6 +191,23 @@ def test_file_source_follows_a_file_that_grows_and_is_replaced(suffix, tmp_path)
     assert [row[1] for row in shown()["rows"]] == [0.2]
 
 
+def test_file_source_says_that_a_file_has_stopped_growing(tmp_path):
+    """The page of a complete file shows no new readings, and seemed to wait for them."""
+    now, path, page_state = [0.0], tmp_path / "readings.csv", PageState(30.0)
+    source = FileSource(path, now=lambda: now[0])
+
+    def reason(seconds):
+        now[0] = seconds
+        source.poll(page_state)
+        return json.loads(page_state.message((-1, 0), status=True))["status"]["reason"]
+
+    assert reason(20.0) == "the file does not exist yet"
+    with open_writer(path) as writer:
+        writer.write(touched(1.0))
+    assert reason(21.0) == reason(30.0) == ""
+    assert reason(31.5).startswith("the file has stopped growing")
+
+
 def test_file_source_reads_only_the_end_of_a_long_file(tmp_path, monkeypatch):
     """A file of a month would keep the page busy for minutes."""
     monkeypatch.setattr("wiforce_app.web.sources._TAIL_BYTES", 2000)

@@ -147,9 +147,16 @@ function planeOf(sensor, track) {
     };
   }
   if (!track.across) return null;
-  const seen = track.readings.filter((reading) => reading.y !== null).map((reading) => reading.y);
-  const low = 10 * Math.floor(Math.min(0, ...seen) / 10), high = Math.max(0, ...seen);
-  return { strips: [], x: [0, lengthOf(sensor)], y: [low, Math.max(low + 10, 10 * Math.ceil(high / 10))] };
+  // Both presses of a surface are on one skin, whose pictures have one size.
+  let low = 0, high = 0, lengthMm = 0;
+  for (const [name, { across, readings }] of page.tracks) {
+    if (across) lengthMm = Math.max(lengthMm, lengthOf(name));
+    for (const { y } of readings) {
+      if (y !== null) [low, high] = [Math.min(low, y), Math.max(high, y)];
+    }
+  }
+  low = 10 * Math.floor(low / 10);
+  return { strips: [], x: [0, lengthMm], y: [low, Math.max(low + 10, 10 * Math.ceil(high / 10))] };
 }
 
 // The reading at the time that is looked at, with its age; the given one where that is now.
