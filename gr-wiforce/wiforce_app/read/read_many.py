@@ -307,7 +307,9 @@ class Journal:
 
     def __exit__(self, *_):
         shutil.rmtree(self.partial, ignore_errors=True)
-        self._file.close()
+        # What a full disk did not take is in the buffer, and was reported with the file's name.
+        with contextlib.suppress(OSError):
+            self._file.close()
 
     def _load(self):
         self._file.seek(0)
