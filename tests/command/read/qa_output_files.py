@@ -106,7 +106,7 @@ def test_full_disk_keeps_the_former_file(tmp_path, monkeypatch):
 
     monkeypatch.setattr(output_file, "_reserved", full)
     (tmp_path / "out.csv").write_text("former\n")
-    with pytest.raises(InputError, match="out.csv: cannot be written .No space left"):
+    with pytest.raises(OutputError, match="out.csv: cannot be written .No space left"):
         output_file.OutputFile(tmp_path / "out.csv")
     assert (tmp_path / "out.csv").read_text() == "former\n"
 
