@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import click
-from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.errors import InputError, OutputError, printable
 from gnuradio.wiforce.io.capture.names import find_captures
 from gnuradio.wiforce.io.files import format_of
 from gnuradio.wiforce.io.files.output_file import lock
@@ -22,7 +22,7 @@ from gnuradio.wiforce.io.readings import GroupCounts
 from gnuradio.wiforce.io.text.textfile import check_output, replacing
 
 from ..shell.interrupts import BAD_INPUT, FAILED, Interrupted
-from ..shell.log import PROGRAM, printable, progress
+from ..shell.log import PROGRAM, progress
 from ..shell.workers import WorkerLost, run_tasks
 
 _RECORD = "captures.jsonl"  # of what was read into a folder
