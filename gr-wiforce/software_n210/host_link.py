@@ -84,8 +84,8 @@ class Sockets:
         """Send a datagram; it is lost when the receiver is full or absent, as on a network."""
         try:
             self._sockets[port].sendto(datagram, peer)
-        except (BlockingIOError, ConnectionError):
-            pass
+        except OSError:
+            pass  # also where no address is one to send to: of a forged datagram
 
     def send_segments(self, port, data, size, peer):
         """Send `data` as datagrams of `size` bytes each, many by one system call (Linux 4.18)."""

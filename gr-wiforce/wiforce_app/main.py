@@ -12,7 +12,7 @@ import traceback
 import warnings
 
 import click
-from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.errors import InputError, OutputError, printable
 
 from .shell.commands import LazyGroup
 from .shell.interrupts import (
@@ -26,7 +26,7 @@ from .shell.interrupts import (
     Terminated,
     interrupt_by_exception,
 )
-from .shell.log import PROGRAM, log, printable
+from .shell.log import PROGRAM, log
 
 # Module and one line of help of each subcommand, so that --help imports none of them.
 COMMANDS = {

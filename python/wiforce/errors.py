@@ -117,6 +117,11 @@ def _short(value: object) -> str:
     return text if len(text) <= _MOST_CHARACTERS else text[: _MOST_CHARACTERS - 3] + "..."
 
 
+def printable(text: str) -> str:
+    """A text whose line breaks, which names of files may contain, are replaced by spaces."""
+    return "".join(c if c.isprintable() else " " for c in text)
+
+
 def end_in_one_line() -> None:
     """Let bad input end the program with its sentence, not a traceback.
 

@@ -85,13 +85,22 @@ def test_names_that_cannot_be_used_are_refused_before_any_work(sandbox, argument
 
 @pytest.mark.parametrize(
     "name",
-    ["Prüfung 1.5 N", "-x", "a'b\"c;$(d)", "été\u2028neu", "~", "%s", os.fsdecode(b"caf\xe9")],
+    [
+        "Prüfung 1.5 N",
+        "-x",
+        "a'b\"c;$(d)",
+        "été\u2028neu",
+        "~",
+        "%s",
+        "a\nb",
+        os.fsdecode(b"caf\xe9"),
+    ],
 )
 def test_any_name_that_the_system_takes_is_read(sandbox, readings, name):
     for suffix in (".sigmf-data", ".sigmf-meta"):
         shutil.copy(sandbox.folder / f"press{suffix}", sandbox.folder / f"{name}{suffix}")
     done = sandbox.run("read", *READ, "-o", f"{name}.csv", "--", name)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 0 and done.stderr.count("\n") == 1, done.stderr
     assert (sandbox.folder / f"{name}.csv").read_text() == readings
 
 

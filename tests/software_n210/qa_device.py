@@ -18,6 +18,7 @@ from gnuradio.wiforce.errors import InputError
 from machine import own_address
 from software_n210.device import Device, parse_fault
 from software_n210.frontend import Cable
+from software_n210.host_link import Sockets
 
 CONTROL, RX, TX, FIFO = 49152, 49156, 49157, 49159
 PORTS = (49152, 49156, 49157, 49158, 49159, 49172)
@@ -119,6 +120,18 @@ def test_device_malformed_and_foreign_packets_counted_and_ignored(software_usrp)
     # control message of 37, 300 or 9000 bytes is only judged by its first 36.
     assert status["foreign"] == len(junk) + 1
     assert status["malformed"] >= 4 + len(junk) + 1 + 2
+
+
+def test_reply_to_an_address_that_takes_none_is_lost():
+    """A datagram with a forged source port of 0 ended the device."""
+    sockets = Sockets("127.9.8.10")
+    sockets.send(CONTROL, HELLO, ("127.9.8.10", 0))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as host:
+        host.bind(("127.9.8.10", 0))
+        host.settimeout(5)
+        sockets.send(CONTROL, HELLO, host.getsockname())
+        assert host.recv(2000) == HELLO
+    sockets.close()
 
 
 STREAM = [(32, 1 << 31 | 1 << 29), (33, 0), (34, 0)]

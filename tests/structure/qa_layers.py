@@ -124,7 +124,7 @@ def test_process_of_a_radio_loads_no_other_part_of_the_command():
         for module in modules
         if module[0] != "radio"
     }
-    assert others == {("shell", "log"), ("shell", "workers")}
+    assert others == {("shell", "workers")}
 
 
 def scripts():

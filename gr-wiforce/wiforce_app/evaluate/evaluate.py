@@ -430,4 +430,5 @@ def _write_report(names, folder, made, tables):
         made=made,
         tables=tables,
     )
-    (folder / "report.md").write_text(page, encoding="utf-8")
+    # Names of scenes may hold bytes that are no text.
+    (folder / "report.md").write_text(page, encoding="utf-8", errors="backslashreplace")

@@ -11,9 +11,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from gnuradio.wiforce.blocks.usrp import require_rate
-from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.errors import InputError, printable
 
-from ..shell.log import printable
 from .request import DRIVERS, RadioRequest
 
 _LOCK_S = 1.0

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import click
-from gnuradio.wiforce.errors import InputError, OutputError
+from gnuradio.wiforce.errors import InputError, OutputError, printable
 from gnuradio.wiforce.io.capture.names import find_captures
 from gnuradio.wiforce.io.files import format_of
 from gnuradio.wiforce.io.files.output_file import lock
@@ -22,7 +22,7 @@ from gnuradio.wiforce.io.readings import GroupCounts
 from gnuradio.wiforce.io.text.textfile import check_output, replacing
 
 from ..shell.interrupts import BAD_INPUT, FAILED, Interrupted
-from ..shell.log import PROGRAM, printable, progress
+from ..shell.log import PROGRAM, progress
 from ..shell.workers import WorkerLost, run_tasks
 
 _RECORD = "captures.jsonl"  # of what was read into a folder
@@ -307,7 +307,9 @@ class Journal:
 
     def __exit__(self, *_):
         shutil.rmtree(self.partial, ignore_errors=True)
-        self._file.close()
+        # What a full disk did not take is in the buffer, and was reported with the file's name.
+        with contextlib.suppress(OSError):
+            self._file.close()
 
     def _load(self):
         self._file.seek(0)

@@ -6,6 +6,7 @@ import os
 import sys
 
 import click
+from gnuradio.wiforce.errors import printable
 
 PROGRAM = "gr-wiforce"
 # The names that users give, and syslog's numbers, which the journal reads at the start of a line.
@@ -30,10 +31,10 @@ class Log:
         if LEVELS[level] > LEVELS[self.level]:
             return
         if self.journal:
-            line = f"<{LEVELS[level]}>{text}"
+            line = f"<{LEVELS[level]}>{printable(text)}"
         else:
             kind = f"{level}: " if level in ("warning", "debug") else ""
-            line = f"{PROGRAM}: {kind}{text}"
+            line = f"{PROGRAM}: {kind}{printable(text)}"
         start = "\r\033[K" if self.line_in_use else ""
         with contextlib.suppress(OSError):
             click.echo(start + line, err=True)
@@ -53,11 +54,6 @@ class Log:
     def debug(self, text: str) -> None:
         """Details for the search of an error."""
         self.write("debug", text)
-
-
-def printable(text: str) -> str:
-    """A text whose line breaks, which names of files may contain, are replaced by spaces."""
-    return "".join(c if c.isprintable() else " " for c in text)
 
 
 def is_journal() -> bool:

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from ..errors import InputError
+from ..errors import InputError, printable
 from ..io.text.values import Choice, KeyPath, Number, Scope, ValueType
 from ..sensor import curves
 from ..sensor.line import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY
@@ -167,7 +167,7 @@ def calibrate(
             float(min(d.location_mm[-1] for d in data)),
         ),
         provenance={
-            "source": source or f"calibration of {table.source}",
+            "source": source or printable(f"calibration of {table.source}"),
             "date": date or datetime.date.today().isoformat(),
             "assumed": list(dict.fromkeys(assumed)),
             **stated_suspicions(suspected),
@@ -210,7 +210,8 @@ def refine(
         carriers[index] = _refined_carrier(model, index, rows)
     spans = np.concatenate([carrier.force_span_n for carrier in carriers])
     provenance = dict(model.provenance)
-    provenance["source"] = f"{provenance['source']}; refined by taps of {table.source}"
+    refined = printable(f"refined by taps of {table.source}")
+    provenance["source"] = f"{provenance['source']}; {refined}"
     provenance["date"] = datetime.date.today().isoformat()
     found = suspicions(table, model.length_mm, model.permittivity)
     provenance |= stated_suspicions([*provenance.get("suspicions", ()), *found])

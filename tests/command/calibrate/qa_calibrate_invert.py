@@ -168,6 +168,14 @@ def test_taps_refine_a_sensor(folder, line, tmp_path):
     )
 
 
+def test_a_table_of_any_name_is_calibrated(folder, tmp_path):
+    """The sensor file was refused: its source must be printable text."""
+    table = tmp_path / os.fsdecode(b"of\nMay \xe9.csv")
+    table.write_bytes((folder / "vna.csv").read_bytes())
+    succeeded("calibrate", table, "-o", tmp_path / "s.yaml")
+    assert load_sensor(tmp_path / "s.yaml").provenance["source"].endswith("of May  .csv")
+
+
 def test_write_vna_csv_needs_no_pandas_and_keeps_the_carrier(folder, tmp_path, monkeypatch):
     """`./bootstrap demo`, which writes such a table, installs no pandas."""
     monkeypatch.setitem(sys.modules, "pandas", None)

@@ -2,6 +2,7 @@
 """`gr-wiforce evaluate SCENE...`: a scene scored, kept, reported, and not done twice."""
 
 import json
+import os
 import re
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from command_runs import run_command
 from gnuradio.wiforce._config import DATA_DIR
 from gnuradio.wiforce.scene import load_scene
 from wiforce_app.evaluate.evaluate import (
+    _write_report,
     cause_table,
     error_table,
     other_causes,
@@ -132,6 +134,13 @@ def test_result_is_reported_and_not_done_again_unless_the_scene_changed(evaluate
     assert again.stdout == first.stdout and kept.stat().st_mtime_ns == before
     assert stored(kept, json.loads(kept.read_text())["fingerprint"]) is not None
     assert stored(kept, "of another scene") is None
+
+
+def test_a_scene_whose_name_is_no_text_is_reported(tmp_path):
+    """The errors of a run with such a name were lost at its end."""
+    _write_report([os.fsdecode(b"caf\xe9.yaml")], tmp_path, "", "| force |")
+    report = (tmp_path / "report.md").read_text()
+    assert r"caf\udce9.yaml" in report and "| force |" in report
 
 
 def test_a_sensor_calibrated_anew_makes_another_experiment(tmp_path):

@@ -15,7 +15,7 @@ import pandas
 import pytest
 import yaml
 from command_runs import ended_by, refused, run_command, succeeded
-from gnuradio.wiforce.errors import InputError
+from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.capture.names import find_captures, is_one
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.simulation.simulator import simulate
@@ -311,6 +311,16 @@ def test_pattern_in_folders_with_links_to_each_other_finds_each_capture(tmp_path
     for pattern in ("**", "./**/*", f"{tmp_path}/**/*.sigmf-meta"):
         assert [each.name for each in find_captures([pattern])] == ["a", "b", "c"]
     assert [each.name for each in find_captures(["self", "a"])] == ["self", "a"]
+
+
+def test_journal_on_a_full_disk_is_named(tmp_path):
+    """What was still in its buffer failed again as it was closed, without the file's name."""
+    full = os.open("/dev/full", os.O_WRONLY)
+    with pytest.raises(OutputError, match="captures.jsonl: cannot be written .No space left"):
+        with Journal(tmp_path) as journal:
+            os.dup2(full, journal._file.fileno())
+            journal.note("press", rows=3)
+    os.close(full)
 
 
 def test_journal_with_damaged_lines_keeps_all_others(tmp_path):

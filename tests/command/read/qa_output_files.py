@@ -2,10 +2,12 @@
 """MCAP and Parquet files of readings, their ends, and their conversion."""
 
 import errno
+import gc
 import io
 import json
 import os
 import re
+import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -104,7 +106,7 @@ def test_full_disk_keeps_the_former_file(tmp_path, monkeypatch):
 
     monkeypatch.setattr(output_file, "_reserved", full)
     (tmp_path / "out.csv").write_text("former\n")
-    with pytest.raises(InputError, match="out.csv: cannot be written .No space left"):
+    with pytest.raises(OutputError, match="out.csv: cannot be written .No space left"):
         output_file.OutputFile(tmp_path / "out.csv")
     assert (tmp_path / "out.csv").read_text() == "former\n"
 
@@ -125,6 +127,21 @@ def test_full_disk_ends_run_with_all_rows_in_a_valid_file(tmp_path, monkeypatch,
     else:
         kept = len(bag_messages(path)["/wiforce/arm/reading"])
         assert kept in (rows, rows + 1)  # the wrench of the last reading may be missing
+
+
+def test_parquet_whose_end_is_interrupted_is_ended(tmp_path, monkeypatch):
+    """What was left of it wrote to a closed file: a process that SIGTERM ended printed that."""
+    printed, path = [], tmp_path / "out.parquet"
+    monkeypatch.setattr("sys.unraisablehook", printed.append)
+    writer = ParquetWriter(path)
+    with pytest.raises(SystemExit), writer:
+        for reading in readings(4100):  # more than one row group
+            writer.write(reading)
+        monkeypatch.setattr(writer, "_flush", lambda: sys.exit(143))
+    del writer
+    gc.collect()
+    assert not printed
+    assert len(pandas.read_parquet(path)) == 4096
 
 
 def test_mcap_cut_anywhere_gives_a_prefix_of_its_readings(tmp_path):

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
-from ...errors import InputError, OutputError
+from ...errors import InputError, OutputError, unwritable
 from ..outputs import Output
 from ..text.textfile import check_output
 
@@ -51,9 +51,10 @@ class OutputFile:
         except InputError:
             self._file.close()
             raise
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise InputError(path, f"cannot be written ({reason})") from error
+        except OSError as error:
+            raise unwritable(path, error) from error
+        except ValueError as error:
+            raise InputError(path, f"cannot be written ({error})") from error
 
     def _empty(self, reserve_bytes: int) -> None:
         """Empty the file if there is room for a row, and hold space for its end."""

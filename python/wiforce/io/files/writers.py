@@ -156,9 +156,12 @@ class ParquetWriter(EndedOutput):
                     self._flush()
 
     def _write_end(self) -> None:
-        if self._failure is None:
-            self._flush()
-        self._writer.close()
+        try:
+            if self._failure is None:
+                self._flush()
+        finally:
+            # Also where a signal ends the process: once collected, it would write to a closed file.
+            self._writer.close()
 
     def _flush(self) -> None:
         """Write the rows that wait as a row group."""
