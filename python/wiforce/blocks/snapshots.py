@@ -16,7 +16,8 @@ from .rules import WaveformOrScene, frames_of
 from .stream_watch import Timeline
 
 _NOISE = pmt.intern(names.NOISE)
-_SLIPPED = pmt.intern(names.SLIPPED)
+# What is true of the ratio where it is true of either antenna.
+_OF_EITHER = {names.SATURATED, names.RETUNED}
 
 
 class antenna_ratio(Kept, gr.sync_block):
@@ -28,7 +29,7 @@ class antenna_ratio(Kept, gr.sync_block):
 
     Input 0 and 1: vectors of a symbol's samples, a frame each (``preamble_fold``,
     ``capture_source``), of the same frames; gaps must be the same. Output: the like; tags are
-    those of input 0, with the noise and the slips of both.
+    those of input 0, with the noise and the slips of both, saturated and retuned where either is.
 
     Parameters
     ----------
@@ -76,16 +77,22 @@ class antenna_ratio(Kept, gr.sync_block):
         output_items[0][:] = ratio
         count, start = len(first), self.nitems_written(0)
         noise = self._noise_of(0, count), self._noise_of(1, count)
-        for tag in self.get_tags_in_window(0, 0, count):
-            if not pmt.equal(tag.key, _NOISE):
-                offset = start + tag.offset - self.nitems_read(0)
-                self.add_item_tag(0, offset, tag.key, tag.value)
-        for tag in self.get_tags_in_window(1, 0, count, _SLIPPED):
-            self.add_item_tag(0, start + tag.offset - self.nitems_read(1), tag.key, tag.value)
+        self._forward_tags(count)
         if count:
             value = noise_value(ratio_noise((first, second), noise, ratio))
             self.add_item_tag(0, start, _NOISE, value)
         return count
+
+    def _forward_tags(self, count: int) -> None:
+        sent: set[tuple[int, str]] = set()
+        for port in range(2):
+            for tag in self.get_tags_in_window(port, 0, count):
+                key, item = pmt.symbol_to_string(tag.key), tag.offset - self.nitems_read(port)
+                known = (item, key) in sent or key not in _OF_EITHER
+                if key == names.NOISE or port == 1 and known and key != names.SLIPPED:
+                    continue
+                sent.add((item, key))
+                self.add_item_tag(0, self.nitems_written(0) + item, tag.key, tag.value)
 
     def _noise_of(self, port: int, count: int) -> Array:
         """Noise of the items at hand, by the tags of an input; shape (count, 2)."""

@@ -250,7 +250,10 @@ class _RatioFrames:
         self.ended = False
 
     def read(self, count: int) -> tuple[Array, ...]:
-        """The next frames, up to ``count`` of an antenna: indices, ratio, its noise, saturation."""
+        """The next frames, up to ``count`` of an antenna: indices, ratio, its noise, saturation.
+
+        A frame is saturated where either antenna is.
+        """
         newest = [int(held["snapshot"].max(initial=-1)) for held in self._held]
         for each, kernel in enumerate(self._kernels):
             if newest[each] == min(newest):
@@ -266,7 +269,7 @@ class _RatioFrames:
         folded = first["folded"][rows], second["folded"][others]
         ratio = folded_ratio(*folded, self._waveform)
         noise = ratio_noise(folded, (first["noise"][rows], second["noise"][others]), ratio)
-        return common, ratio, noise, first["saturated"][rows]
+        return common, ratio, noise, first["saturated"][rows] | second["saturated"][others]
 
     def _take(self, each: int, until: int) -> dict[str, Array]:
         held = self._held[each]
