@@ -26,6 +26,12 @@ public:
     {
     }
 
+    bool start() override
+    {
+        d_expected.reset(); // what waited for the next block is lost
+        return recording_source::start();
+    }
+
     int work(int noutput_items,
              gr_vector_const_void_star&,
              gr_vector_void_star& output_items) override
