@@ -71,6 +71,12 @@ class antenna_ratio(Kept, gr.sync_block):
         self.set_tag_propagation_policy(gr.TPP_DONT)
         self._noise = NoiseTags(), NoiseTags()
 
+    def start(self) -> bool:
+        # A flowgraph that is started again counts items anew, not so after unlock().
+        if self.nitems_read(0) == 0:
+            self._noise = NoiseTags(), NoiseTags()
+        return super().start()
+
     def work(self, input_items: list[Array], output_items: list[Array]) -> int:
         first, second = input_items
         ratio = folded_ratio(first, second, self._waveform)
@@ -87,7 +93,7 @@ class antenna_ratio(Kept, gr.sync_block):
         sent: set[tuple[int, str]] = set()
         for port in range(2):
             for tag in self.get_tags_in_window(port, 0, count):
-                key, item = pmt.symbol_to_string(tag.key), tag.offset - self.nitems_read(port)
+                key, item = str(tag.key), tag.offset - self.nitems_read(port)
                 known = (item, key) in sent or key not in _OF_EITHER
                 if key == names.NOISE or port == 1 and known and key != names.SLIPPED:
                     continue

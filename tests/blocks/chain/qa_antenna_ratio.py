@@ -7,8 +7,10 @@ import shutil
 from functools import lru_cache
 
 import numpy as np
+import pmt
 import pytest
 from command_runs import run_command, succeeded
+from device_times import tag_at
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import open_capture
@@ -18,7 +20,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.simulation.simulator import simulate
-from press_capture import SLOW, codes_of
+from press_capture import SLOW, array_source, codes_of
 from wiforce_app.read.recordings import read_capture
 
 SCENE = SLOW | {
@@ -52,6 +54,32 @@ def test_antenna_ratio_block_gives_folded_vectors_of_the_ratio():
     wanted = np.divide(*np.fft.fft(folded)[:, :, waveform.bins])
     np.testing.assert_allclose(got[:, waveform.bins], wanted, rtol=1e-4, atol=1e-4)
     assert np.abs(got[:, 0]).max() < 1e-5
+
+
+def ratio_noise_of(ratio, *tags):
+    """Noise tags of the ratio of 20 vectors to themselves, with these tags."""
+    flowgraph, sink = gr.top_block(), blocks.vector_sink_c(64)
+    source = array_source(np.ones((20, 64), np.complex64), tags)
+    for port in range(2):
+        flowgraph.connect(source, (ratio, port))
+    flowgraph.connect(ratio, sink)
+    flowgraph.run()
+    return np.concatenate([pmt.f32vector_elements(tag.value) for tag in sink.tags()])
+
+
+@pytest.mark.parametrize(
+    "value", [pmt.from_double(1.0), pmt.init_f32vector(1, [1.0])], ids=["number", "half a pair"]
+)
+def test_antenna_ratio_tag_noise_of_another_type_is_ignored(value):
+    """The flowgraph hung, as it does after any exception in a block."""
+    noise = ratio_noise_of(wiforce.antenna_ratio(), tag_at(3, "noise", value))
+    assert noise.tolist() == [0] * 40
+
+
+def test_antenna_ratio_started_again_forgets_the_noise_of_before():
+    ratio, known = wiforce.antenna_ratio(), pmt.init_f32vector(40, [1.0] * 40)
+    assert ratio_noise_of(ratio, tag_at(0, "noise", known)).all()
+    assert not ratio_noise_of(ratio).any()
 
 
 @pytest.fixture(scope="module")
