@@ -334,6 +334,9 @@ protected:
             if (this->d_produced == this->d_room)
                 return 0;
         }
+        if (d_retuned)
+            this->mark_group_retuned();
+        d_retuned = false;
         collector.collect_in(this->d_out + this->d_produced * collector.size());
         const int count = collector.add(
             snapshot,
@@ -348,11 +351,15 @@ protected:
         return count;
     }
 
-    void mark_retuned() override { this->mark_group_retuned(); }
+    // The group at hand may end before the next frame.
+    void mark_retuned() override { d_retuned = true; }
     void mark_slipped(const pmt::pmt_t& misplaced) override
     {
         this->mark_group_slipped(misplaced);
     }
+
+private:
+    bool d_retuned = false;
 };
 
 namespace {
