@@ -117,8 +117,11 @@ public:
         d_events.expect_carrier(frequency_hz);
     }
 
-    double refused_rate() const override { return d_events.refused_rate(); }
-    double refused_carrier() const override { return d_events.refused_carrier(); }
+    double refused_rate() const override { return d_events.settings().refused_rate(); }
+    double refused_carrier() const override
+    {
+        return d_events.settings().refused_carrier();
+    }
     std::uint64_t times_ignored() const override { return d_events.times_ignored(); }
     std::uint64_t frames_moved() const override { return d_frames_moved; }
     std::uint64_t samples_moved() const override { return d_samples_moved; }
