@@ -13,7 +13,7 @@ from . import names
 from .argument_types import Kept, typed
 from .group_block import NoiseTags, noise_value
 from .rules import WaveformOrScene, frames_of
-from .stream_watch import Timeline
+from .stream_watch import DeviceSettings, Timeline
 
 _NOISE = pmt.intern(names.NOISE)
 # What is true of the ratio where it is true of either antenna.
@@ -119,10 +119,11 @@ class free_fold(Kept, gr.basic_block):
     """Folds the frames of a transmitter on a clock of its own (:class:`.FrameFollower`).
 
     In: 16-bit samples of two antennas from the first frame on; out: vectors of the same frames.
+    Samples at another rate or carrier are discarded, as in ``preamble_fold``.
     """
 
     @typed
-    def __init__(self, waveform: Waveform) -> None:
+    def __init__(self, waveform: Waveform, carrier: float) -> None:
         vector = (np.complex64, waveform.symbol_length)
         gr.basic_block.__init__(
             self, "free_fold", in_sig=[(np.int16, 2)] * 2, out_sig=[vector, vector]
@@ -131,6 +132,7 @@ class free_fold(Kept, gr.basic_block):
         self._waveform = waveform
         self.follower = FrameFollower(waveform.frame_length)
         self._timeline = Timeline(waveform.sample_rate_hz)
+        self._settings = DeviceSettings("free_fold", waveform.sample_rate_hz, carrier)
         self._gaps = 0
         # Folded vectors (n, 2, N) with their noise (n, 2, 2) and saturation (n,).
         self._waiting: list[tuple[Array, Array, Array]] = []
@@ -171,18 +173,28 @@ class free_fold(Kept, gr.basic_block):
         first, begin = self.nitems_read(0), 0
         tags = sorted(self.get_tags_in_window(0, 0, len(items)), key=lambda tag: tag.offset)
         for tag in tags:
-            if pmt.eq(tag.key, _RETUNED):
+            end = tag.offset - first
+            self._take_part(items[begin:end])
+            begin = end
+            if self._settings.note(tag):
+                self._lose(0, items)  # no frame has samples from both sides of it
                 self._retuned = True
             if not pmt.eq(tag.key, _RX_TIME):
                 continue
             if lost := self._timeline.note(tag.offset, tag.value):
-                at = tag.offset - first
-                self._fold(self.follower.take(items[begin:at]))
-                self._fold(self.follower.lose(lost, items.shape[1]))
-                begin = at
+                self._lose(lost, items)
                 self._gaps += 1
-                self._begins = True
-        self._fold(self.follower.take(items[begin:]))
+        self._take_part(items[begin:])
+
+    def _take_part(self, items: Array) -> None:
+        if self._settings.usable:
+            self._fold(self.follower.take(items))
+        elif len(items):
+            self._lose(len(items), items)
+
+    def _lose(self, samples: int, items: Array) -> None:
+        self._fold(self.follower.lose(samples, items.shape[1]))
+        self._begins = True
 
     def _fold(self, samples: Array) -> None:
         frames = samples.reshape(-1, self._waveform.frame_length, 4)
