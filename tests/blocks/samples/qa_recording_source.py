@@ -86,6 +86,13 @@ def test_a_file_cut_short_is_read_as_far_as_it_goes(tmp_path, samples, held, fra
     assert source.samples_missing() == samples - held
 
 
+@pytest.mark.parametrize("segment", [(0, 0), (0, 0, 1, 0, 0)])
+def test_a_segment_of_another_length_is_named(tmp_path, segment):
+    (tmp_path / "x.bin").write_bytes(bytes(8))
+    with pytest.raises(ValueError, match="segments must have 3 or 4 numbers each, got"):
+        wiforce.recording_source(str(tmp_path / "x.bin"), "ci16_le", [segment], FRAME)
+
+
 def test_indices_stay_true_when_the_flowgraph_is_started_again(tmp_path):
     """Vectors in buffers are lost then: all readings that followed were early."""
     frames = 20_000
