@@ -53,13 +53,33 @@ def turned(codes, angle):
     return np.rint(samples.astype(np.complex64).view(np.float32)).astype("<i2").reshape(-1, 2)
 
 
-def test_recording_of_a_reconnection_reads_as_the_session_did(tmp_path):
+@pytest.fixture
+def session(tmp_path):
+    """A session of the usual scene that is recorded, and the list of its readings."""
+    scene, readings = load_scene(SCENE), []
+    request = RadioRequest.of_scene(scene, "played")
+    session = LiveSession(scene, request, readings.append, recording=tmp_path / "run")
+    return session, readings
+
+
+def test_device_lost_before_its_frames_were_found_leaves_no_doubt(session, tmp_path):
+    """All readings were flagged moved until a tare, though nothing had been read before."""
+    session, live = session
+    noise = np.random.default_rng(1).integers(-900, 900, (GROUP, 2)).astype("<i2")
+    codes = press_codes(tmp_path)
+    session.attach(Link(noise, {}))
+    wait_until(lambda: session.source.received == len(noise))
+    session.attach(Link(codes, {}))
+    wait_until(lambda: session.source.received == len(noise) + len(codes))
+    session.stop()
+    assert len(live) > 20 and not any("moved" in reading.flags for reading in live)
+    assert not any(segment.retuned for segment in open_capture(tmp_path / "run").segments)
+
+
+def test_recording_of_a_reconnection_reads_as_the_session_did(session, tmp_path):
     """The device's new phases were read as presses of nobody, and noise of another carrier as the
     sensor's."""
-    codes, scene, now_s, live = press_codes(tmp_path), load_scene(SCENE), [0.0], []
-    session = LiveSession(
-        scene, RadioRequest.of_scene(scene, "played"), live.append, recording=tmp_path / "run"
-    )
+    (session, live), codes, now_s = session, press_codes(tmp_path), [0.0]
     session.source.times = ResumedTime(RATE_HZ, FRAME, now=lambda: now_s[0])
     session.attach(Link(codes[:LOST], {0: 900.0002e6}))
     wait_until(lambda: session.source.received == LOST)
@@ -72,7 +92,7 @@ def test_recording_of_a_reconnection_reads_as_the_session_did(tmp_path):
     capture = open_capture(tmp_path / "run")
     assert capture.center_frequency_hz == 900.0002e6
     assert [segment.retuned for segment in capture.segments] == [False, True]
-    read = list(read_capture(capture, scene))
+    read = list(read_capture(capture, load_scene(SCENE)))
     assert len(read) == len(live) > 20
     for ours, theirs in zip(read, live, strict=True):
         assert (ours.time_s, ours.touch, ours.flags) == (theirs.time_s, theirs.touch, theirs.flags)
