@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pmt
@@ -152,6 +153,19 @@ def test_saturation_of_either_antenna_is_tagged_once_per_snapshot(loud):
     flowgraph.run()
     tagged = [tag.offset for tag in sink.tags() if str(tag.key) == "saturated"]
     assert sorted(tagged) == [*range(1000, 1250), *range(1500, 1750)]
+
+
+def test_retuning_of_two_antennas_marks_its_group(loud):
+    """The new phases of a device opened again, in a recording of it, were read as a press."""
+    name, scene = loud
+    for of in (str, second_antenna):
+        meta = Path(f"{of(name)}.sigmf-meta")
+        content = json.loads(meta.read_text())
+        start = 5 * 250 * scene.sounding.frame_length + 77
+        content["captures"].append({"core:sample_start": start, "wiforce:retuned": True})
+        meta.write_text(json.dumps(content))
+    groups = groups_of(open_capture(name), wiforce.plan(scene), 0).read()
+    assert np.flatnonzero(groups.retuned).tolist() == [5]
 
 
 def test_single_antenna_with_free_clock_reads_nothing(captures):
