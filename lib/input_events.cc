@@ -4,17 +4,9 @@
 #include "tag_values.h"
 
 #include <algorithm>
-#include <cmath>
 #include <utility>
 
 namespace gr::wiforce {
-
-namespace {
-
-// A carrier given within this fraction of a sensor model's is taken for it.
-constexpr double CARRIER_TOLERANCE = 1e-3;
-
-} // namespace
 
 std::optional<kernel::timeline::time> rx_time_value(const pmt::pmt_t& value)
 {
@@ -30,7 +22,7 @@ std::optional<kernel::timeline::time> rx_time_value(const pmt::pmt_t& value)
 }
 
 input_events::input_events(double sample_rate, gr::logger_ptr logger)
-    : d_sample_rate(sample_rate), d_logger(std::move(logger)), d_timeline(sample_rate)
+    : d_logger(std::move(logger)), d_timeline(sample_rate), d_settings(sample_rate)
 {
 }
 
@@ -55,7 +47,7 @@ void input_events::note(const gr::tag_t& tag)
     else if (pmt::eq(tag.key, keys::rx_rate) || pmt::eq(tag.key, keys::rx_freq))
         note_setting(tag);
     else if (pmt::eq(tag.key, keys::retuned))
-        d_next = event{ tag.offset, 0, usable(), true };
+        d_next = event{ tag.offset, 0, d_settings.usable(), true };
 }
 
 void input_events::note_time(const gr::tag_t& tag)
@@ -77,7 +69,8 @@ void input_events::note_time(const gr::tag_t& tag)
     if (verdict == kind::restarts)
         d_logger->warn("device clock was reset; rx_time is a new time reference");
     if (off > 0)
-        d_next = event{ tag.offset, static_cast<std::uint64_t>(off), usable() };
+        d_next =
+            event{ tag.offset, static_cast<std::uint64_t>(off), d_settings.usable() };
 }
 
 void input_events::note_setting(const gr::tag_t& tag)
@@ -85,28 +78,20 @@ void input_events::note_setting(const gr::tag_t& tag)
     if (!pmt::is_real(tag.value) && !pmt::is_integer(tag.value))
         return;
     const double value = pmt::to_double(tag.value);
-    const bool was_usable = usable();
-    if (pmt::eq(tag.key, keys::rx_rate)) {
-        d_rate_is_right = std::abs(value - d_sample_rate) <= 1e-6 * d_sample_rate;
-        d_refused_rate = d_rate_is_right ? 0 : value;
-    } else if (!d_carrier && d_expected &&
-               !(std::abs(value - *d_expected) <= CARRIER_TOLERANCE * *d_expected)) {
-        d_carrier_is_right = false;
-    } else {
-        d_carrier = d_carrier.value_or(value);
-        d_carrier_is_right = std::abs(value - *d_carrier) <= 1;
-    }
-    if (pmt::eq(tag.key, keys::rx_freq))
-        d_refused_carrier = d_carrier_is_right ? 0 : value;
-    if (usable() == was_usable)
+    const bool is_rate = pmt::eq(tag.key, keys::rx_rate);
+    const bool was_usable = d_settings.usable();
+    if (is_rate)
+        d_settings.note_rate(value);
+    else
+        d_settings.note_carrier(value);
+    if (d_settings.usable() == was_usable)
         return;
-    if (!usable())
+    if (was_usable)
         d_logger->warn("{} is {:g}, not {:g}; samples are discarded until it is set back",
                        pmt::symbol_to_string(tag.key),
                        value,
-                       d_rate_is_right ? d_carrier.value_or(d_expected.value_or(0.0))
-                                       : d_sample_rate);
-    d_next = event{ tag.offset, 0, usable() };
+                       is_rate ? d_settings.sample_rate() : d_settings.carrier());
+    d_next = event{ tag.offset, 0, d_settings.usable() };
 }
 
 } // namespace gr::wiforce

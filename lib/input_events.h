@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include "kernel/timing/device_settings.h"
 #include "kernel/timing/timeline.h"
 #include "kernel/types.h"
 #include <gnuradio/logger.h>
 #include <gnuradio/tags.h>
 
-#include <atomic>
 #include <cstdint>
 #include <deque>
 #include <optional>
@@ -47,31 +47,23 @@ public:
     }
 
     // The carrier that the first rx_freq must be close to.
-    void expect_carrier(double frequency_hz) { d_expected = frequency_hz; }
+    void expect_carrier(double frequency_hz) { d_settings.expect_carrier(frequency_hz); }
 
-    // The rate and the carrier that tags report, 0 where they are as expected; for any
-    // thread.
-    double refused_rate() const { return d_refused_rate; }
-    double refused_carrier() const { return d_refused_carrier; }
+    // For any thread.
+    const kernel::device_settings& settings() const { return d_settings; }
 
     // Values of rx_time that were malformed or implausible.
     std::uint64_t times_ignored() const { return d_times_ignored; }
 
 private:
-    bool usable() const { return d_rate_is_right && d_carrier_is_right; }
     void note(const gr::tag_t& tag);
     void note_time(const gr::tag_t& tag);
     void note_setting(const gr::tag_t& tag);
 
-    const double d_sample_rate;
     const gr::logger_ptr d_logger;
     std::deque<gr::tag_t> d_tags; // not examined yet
     kernel::timeline d_timeline;
-    bool d_rate_is_right = true;
-    bool d_carrier_is_right = true;
-    std::optional<double> d_expected; // carrier
-    std::optional<double> d_carrier;  // the first one reported that is close to it
-    std::atomic<double> d_refused_rate = 0, d_refused_carrier = 0;
+    kernel::device_settings d_settings;
     std::optional<event> d_next;
     kernel::counter d_times_ignored;
 };

@@ -62,7 +62,10 @@ public:
         while (consumed < available && produced < noutput_items) {
             const std::uint64_t here = nitems_read(0) + consumed;
             for (; tag != tags.end() && tag->offset == here; ++tag)
-                d_snapshot = pmt::to_uint64(tag->value);
+                if (const auto index = snapshot_index(tag->value))
+                    d_snapshot = *index;
+                else
+                    ignore(*tag);
             if (d_collector.must_end_before(d_snapshot)) {
                 produced += end_group(out, produced);
                 continue;
@@ -86,7 +89,10 @@ public:
             if (!tags_among(count, here, keys::retuned).empty())
                 mark_group_retuned();
             for (const gr::tag_t& tag : tags_among(count, here, keys::slipped))
-                mark_group_slipped(tag.value);
+                if (is_slip_value(tag.value))
+                    mark_group_slipped(tag.value);
+                else
+                    ignore(tag);
             consumed += count;
             d_snapshot += count;
             if (d_collector.is_full())
@@ -109,6 +115,15 @@ public:
     std::uint64_t incomplete_groups() const override { return d_incomplete_groups; }
 
 private:
+    // A tag of ours that some other block has made, with a value of another type.
+    void ignore(const gr::tag_t& tag)
+    {
+        if (!d_has_ignored)
+            d_logger->warn("ignored a malformed value of the tag {}",
+                           pmt::symbol_to_string(tag.key));
+        d_has_ignored = true;
+    }
+
     // Tags of so many input items.
     std::vector<gr::tag_t>
     tags_among(int count, std::uint64_t first, const pmt::pmt_t& key)
@@ -127,8 +142,11 @@ private:
         tags.insert(tags.begin(), d_noise);
         std::stable_sort(tags.begin(), tags.end(), gr::tag_t::offset_compare);
         for (const gr::tag_t& tag : tags) {
-            if (!pmt::is_f32vector(tag.value))
+            if (!pmt::is_f32vector(tag.value)) {
+                if (!pmt::is_null(tag.value)) // none has come yet
+                    ignore(tag);
                 continue;
+            }
             const auto values = pmt::f32vector_elements(tag.value);
             const std::uint64_t end =
                 std::min(tag.offset + values.size() / 2, first + count);
@@ -143,6 +161,7 @@ private:
     const int d_symbol_length;
     std::uint64_t d_snapshot = 0; // of the next input item
     gr::tag_t d_noise;            // the last one
+    bool d_has_ignored = false;   // a malformed tag
 };
 
 phase_group_doppler::sptr phase_group_doppler::make(

@@ -117,8 +117,11 @@ public:
         d_events.expect_carrier(frequency_hz);
     }
 
-    double refused_rate() const override { return d_events.refused_rate(); }
-    double refused_carrier() const override { return d_events.refused_carrier(); }
+    double refused_rate() const override { return d_events.settings().refused_rate(); }
+    double refused_carrier() const override
+    {
+        return d_events.settings().refused_carrier();
+    }
     std::uint64_t times_ignored() const override { return d_events.times_ignored(); }
     std::uint64_t frames_moved() const override { return d_frames_moved; }
     std::uint64_t samples_moved() const override { return d_samples_moved; }
@@ -334,6 +337,9 @@ protected:
             if (this->d_produced == this->d_room)
                 return 0;
         }
+        if (d_retuned)
+            this->mark_group_retuned();
+        d_retuned = false;
         collector.collect_in(this->d_out + this->d_produced * collector.size());
         const int count = collector.add(
             snapshot,
@@ -348,11 +354,15 @@ protected:
         return count;
     }
 
-    void mark_retuned() override { this->mark_group_retuned(); }
+    // The group at hand may end before the next frame.
+    void mark_retuned() override { d_retuned = true; }
     void mark_slipped(const pmt::pmt_t& misplaced) override
     {
         this->mark_group_slipped(misplaced);
     }
+
+private:
+    bool d_retuned = false;
 };
 
 namespace {

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "kernel/recording/recorded_frames.h"
+#include "kernel/require.h"
 #include "tag_values.h"
 #include <gnuradio/io_signature.h>
 #include <gnuradio/wiforce/recording_source.h>
@@ -26,6 +27,12 @@ public:
     {
     }
 
+    bool start() override
+    {
+        d_expected.reset(); // what waited for the next block is lost
+        return recording_source::start();
+    }
+
     int work(int noutput_items,
              gr_vector_const_void_star&,
              gr_vector_void_star& output_items) override
@@ -42,6 +49,8 @@ public:
                                misplaced.second);
                 tag(produced, keys::slipped, slip_value(misplaced));
             }
+            for (; d_retunings < d_frames.retuned().size(); d_retunings++)
+                tag(produced, keys::retuned, pmt::from_uint64(1));
             d_noise.resize(noutput_items - produced);
             const int count = d_reader.fold(noutput_items - produced,
                                             out + produced * d_frames.symbol_length(),
@@ -73,7 +82,7 @@ private:
     kernel::frame_reader d_reader;
     std::vector<kernel::snapshot_noise> d_noise; // of the frames last folded
     std::optional<std::uint64_t> d_expected;     // index of the next frame without a gap
-    std::size_t d_slips = 0;                     // that are tagged
+    std::size_t d_slips = 0, d_retunings = 0;    // that are tagged
 };
 
 recording_source::sptr recording_source::make(const std::string& path,
@@ -84,11 +93,18 @@ recording_source::sptr recording_source::make(const std::string& path,
                                               int repetitions,
                                               std::uint64_t frame_offset,
                                               std::uint64_t header_bytes,
-                                              int symbol_length)
+                                              int symbol_length,
+                                              const std::vector<std::size_t>& retuned)
 {
     std::vector<kernel::recording::segment> runs;
     for (const auto& [file_sample, global_index, length] : segments)
         runs.push_back({ file_sample, global_index, length });
+    for (const std::size_t number : retuned) {
+        kernel::require(number < runs.size(),
+                        "recording: retuned must be numbers of segments",
+                        number);
+        runs[number].retuned = true;
+    }
     return gnuradio::make_block_sptr<recording_source_impl>(
         path,
         datatype,

@@ -36,6 +36,14 @@ inline const pmt::pmt_t slipped = pmt::mp(names::SLIPPED);
 // gr-uhd makes it; nothing when it is anything else. Python blocks use the same rule.
 WIFORCE_API std::optional<kernel::timeline::time> rx_time_value(const pmt::pmt_t& value);
 
+// Index in the value of a tag `snapshot`; nothing when it is anything else.
+inline std::optional<std::uint64_t> snapshot_index(const pmt::pmt_t& value)
+{
+    if (!pmt::is_uint64(value) && !(pmt::is_integer(value) && pmt::to_long(value) >= 0))
+        return std::nullopt;
+    return pmt::to_uint64(value);
+}
+
 // Value of the tag `noise`: two floats for the tagged folded vector and each of those
 // that follow, the members of snapshot_noise. A tag per vector would cost more than the
 // fold.
@@ -48,6 +56,12 @@ inline pmt::pmt_t noise_value(const kernel::snapshot_noise* noise, int count)
 inline pmt::pmt_t slip_value(const kernel::frame_range& misplaced)
 {
     return pmt::init_u64vector(2, { misplaced.first, misplaced.second });
+}
+
+// The same of one or more slips, in a value of a tag.
+inline bool is_slip_value(const pmt::pmt_t& value)
+{
+    return pmt::is_u64vector(value) && pmt::length(value) % 2 == 0;
 }
 
 } // namespace gr::wiforce

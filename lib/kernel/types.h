@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <complex>
 #include <cstdint>
@@ -10,6 +11,8 @@ namespace gr::wiforce::kernel {
 using complex = std::complex<double>;
 using fc32 = std::complex<float>;
 using sc16 = std::complex<std::int16_t>;
+// Values of both ends of a sensor.
+using pair_of_ends = std::array<double, 2>;
 
 // Samples of the symbol that is averaged: those of a folded vector, and points of its
 // Fourier transform.

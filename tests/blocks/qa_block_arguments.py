@@ -24,6 +24,7 @@ RIGHT = {
     "path": "press",
     "waveform": wiforce.sounding_waveform("repeated"),
     "sample_rate": 12.5e6,
+    "carrier": 900e6,
     "frame_length": 720,
     "stream": socket.socket(),
     "count": 1000,

@@ -75,7 +75,8 @@ class LiveSession:
         self.source.set_min_output_buffer(_BUFFER_SAMPLES)
         self.fold = self.reader.fold
         if self.fold is None:  # two antennas
-            self.fold, self._ratio = free_fold(self.waveform), wiforce.antenna_ratio(self.waveform)
+            self.fold = free_fold(self.waveform, self._scene.radio.center_frequency_hz)
+            self._ratio = wiforce.antenna_ratio(self.waveform)
             for antenna in range(2):
                 self._flowgraph.connect((self.source, antenna), (self.fold, antenna))
                 self._flowgraph.connect((self.fold, antenna), (self._ratio, antenna))

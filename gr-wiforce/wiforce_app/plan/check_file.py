@@ -276,7 +276,7 @@ def _file(capture, rate_hz=None):
         "center_frequency_hz": capture.center_frequency_hz,
         "samples": capture.samples,
         "seconds": None if rate is None else capture.span / rate,
-        "gaps": len(capture.segments) - 1,
+        "gaps": capture.gaps,
         "samples_lost": capture.span - capture.samples,
         "checksum": "none" if capture.sha512 is None else "verified",
     }

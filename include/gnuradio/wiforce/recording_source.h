@@ -5,6 +5,7 @@
 #include <gnuradio/wiforce/api.h>
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -17,8 +18,8 @@ namespace gr::wiforce {
  *
  * Equivalent to a file source followed by preamble_fold. Output: one vector of a symbol's
  * complex floats per frame, with the tag `snapshot` on the first one and on the first one
- * after every gap, the tag `saturated` on those of integer samples at full scale, and the
- * tag `noise` of preamble_fold.
+ * after every gap, the tag `saturated` on those of integer samples at full scale,
+ * `retuned` on the first one behind a retuning, and the tag `noise` of preamble_fold.
  *
  * Frame timing is monitored as in preamble_fold. A file that is shorter than its segments
  * say, or is cut short while it is read, is read as far as it goes. For this, the signal
@@ -43,6 +44,8 @@ public:
      * \param frame_offset samples from the first segment's start to the first frame
      * \param header_bytes bytes of the file before its first sample
      * \param symbol_length samples of the symbol, 16 to 4096
+     * \param retuned numbers of the segments, the first being 0, before which the device
+     *        was retuned or opened again
      * \throws std::invalid_argument naming file or parameter, rule and value
      */
     static sptr make(const std::string& path,
@@ -53,7 +56,8 @@ public:
                      int repetitions = 4,
                      std::uint64_t frame_offset = 0,
                      std::uint64_t header_bytes = 0,
-                     int symbol_length = 64);
+                     int symbol_length = 64,
+                     const std::vector<std::size_t>& retuned = {});
 
     //! Frames folded so far.
     virtual std::uint64_t snapshots() const = 0;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "../phases/sensor_groups.h"
+#include "../press/explanation.h"
 #include "press_posterior.h"
 
 #include <array>

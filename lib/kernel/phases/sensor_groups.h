@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
-#include "../press/press_filter.h"
 #include "../types.h"
+#include "press_observation.h"
 
 #include <array>
 #include <cstddef>

@@ -1,15 +1,14 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #pragma once
 
+#include "../types.h"
+
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <vector>
 
 namespace gr::wiforce::kernel {
-
-// Of both ends.
-using pair_of_ends = std::array<double, 2>;
 
 constexpr double two_pi = 6.283185307179586;
 

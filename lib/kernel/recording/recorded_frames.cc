@@ -285,6 +285,9 @@ std::uint64_t recorded_frames::ready()
 
 frame_run recorded_frames::take(std::uint64_t count)
 {
+    if (d_retuning)
+        d_retuned.push_back(frame());
+    d_retuning = false;
     const frame_run run = { d_recording.sample() + d_walk.lead(), frame(), count };
     pass(d_walk.span(count));
     return run;
@@ -313,6 +316,7 @@ bool recorded_frames::start_segment()
     const auto start = d_recording.next_segment();
     if (!start)
         return false;
+    d_retuning |= d_recording.is_retuned();
     // A segment's index counts the samples lost before it, those of a slip included.
     d_walk.skip(std::max(*start, d_walk.position()) - d_walk.position());
     return true;

@@ -82,6 +82,7 @@ public:
         std::uint64_t file_sample;  // of its first sample
         std::uint64_t global_index; // of its first sample in the stream
         std::uint64_t length;       // samples
+        bool retuned = false;       // the oscillators have new phases from here on
     };
 
     // `datatype` is "ci16_le" or "cf32_le". Throws std::invalid_argument when the file
@@ -100,6 +101,8 @@ public:
     // Goes to the next segment; returns its position in the stream, counted from the
     // first one's start, or nothing at the end.
     std::optional<std::uint64_t> next_segment();
+    // Whether the device was retuned before the present one.
+    bool is_retuned() const { return d_segments[d_next_segment - 1].retuned; }
 
     // Samples of the segment that lie ahead in the file as it is now.
     std::uint64_t ahead();
@@ -204,6 +207,8 @@ public:
     std::uint64_t frames_moved() const { return d_frames_moved; }
     // Frames before each slip that may lie elsewhere.
     const std::vector<frame_range>& misplaced() const { return d_misplaced; }
+    // The first frame behind each retuning.
+    const std::vector<std::uint64_t>& retuned() const { return d_retuned; }
     // Samples by which frame timing slipped then, each.
     const std::vector<std::uint64_t>& lost() const { return d_lost; }
     std::uint64_t samples_missing() const { return d_recording.samples_missing(); }
@@ -222,6 +227,8 @@ private:
     counter d_frames_moved;
     std::vector<frame_range> d_misplaced;
     std::vector<std::uint64_t> d_lost;
+    bool d_retuning = false; // before the next frame
+    std::vector<std::uint64_t> d_retuned;
 };
 
 // Folds runs of frames where the file lies in memory.

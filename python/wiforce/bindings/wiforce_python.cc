@@ -179,9 +179,40 @@ static void bind_recording_source(py::module& m)
         "recording_source",
         R"(Reads the folded preambles of a recording.
 
-Segments are tuples (file sample, index in the stream, length) of unbroken runs. Output: a
-vector of a symbol's samples per frame, as of preamble_fold.)")
-        .def(py::init(&recording_source::make),
+Segments are tuples (file sample, index in the stream, length) of unbroken runs, and a
+fourth number, 1, where the device was retuned before it. Output: a vector of a symbol's
+samples per frame, as of preamble_fold.)")
+        .def(py::init([](const std::string& path,
+                         const std::string& datatype,
+                         const std::vector<std::vector<std::uint64_t>>& segments,
+                         int frame_length,
+                         int first_averaged,
+                         int repetitions,
+                         std::uint64_t frame_offset,
+                         std::uint64_t header_bytes,
+                         int symbol_length) {
+                 std::vector<recording_source::segment> runs;
+                 std::vector<std::size_t> retuned;
+                 for (const auto& of : segments) {
+                     if (of.size() != 3 && of.size() != 4)
+                         throw std::invalid_argument(
+                             "recording: segments must have 3 or 4 numbers each, got " +
+                             std::to_string(of.size()));
+                     if (of.size() == 4 && of[3] != 0)
+                         retuned.push_back(runs.size());
+                     runs.push_back({ of[0], of[1], of[2] });
+                 }
+                 return recording_source::make(path,
+                                               datatype,
+                                               runs,
+                                               frame_length,
+                                               first_averaged,
+                                               repetitions,
+                                               frame_offset,
+                                               header_bytes,
+                                               symbol_length,
+                                               retuned);
+             }),
              "path"_a,
              "datatype"_a,
              "segments"_a,

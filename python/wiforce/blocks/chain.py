@@ -11,7 +11,7 @@ from gnuradio import gr
 
 from ..errors import InputError
 from ..estimation.capture.folded_groups import FoldedGroups, Slips
-from ..estimation.estimators import estimator_named
+from ..estimation.estimators import RatioUnfolder, estimator_named
 from ..estimation.groups import Array, Groups, is_clipped
 from ..estimation.phases.reference import SubcarrierAverage
 from ..io.readings import ESTIMATES, GroupCounts, Reading, as_reading
@@ -347,6 +347,7 @@ class force_inversion(ReadingPort):
         tracked: bool = False,
         on_reading: ReadingTaker = None,
     ) -> None:
+        self._unfolder = RatioUnfolder(estimator_named(plan.estimator).ratios)
         self.stage = make_readout(plan, tracked)
         self._doubted: set[str] = set()  # sensors of which it was said
         ReadingPort.__init__(self, "force_inversion", 2 * len(plan.clocks), 0)
@@ -362,7 +363,7 @@ class force_inversion(ReadingPort):
         if len(groups) and groups.phase_std_deg is None:
             rule = "must hold phase_std_deg, which Subcarrier Average adds: degrees, an f64vector"
             raise InputError("tag state", rule)
-        self._publish(self.stage.process(groups))
+        self._publish(self.stage.process(self._unfolder.process(groups)))
         return len(items), groups[:0]
 
     def finish(self) -> None:

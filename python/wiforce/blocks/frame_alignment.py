@@ -21,7 +21,7 @@ from .argument_types import Kept, typed
 from .rules import WaveformOrScene, frames_of
 from .stream_watch import Timeline, time_value
 
-_RX_TIME = pmt.intern(names.RX_TIME)
+_RX_TIME, _RETUNED = pmt.intern(names.RX_TIME), pmt.intern(names.RETUNED)
 
 Tag = tuple[int, Any, Any]
 
@@ -127,14 +127,14 @@ class FrameSearch:
         return held if np.iscomplexobj(held) else samples_of(held[:, :2].copy())
 
     def _begin(self, found: int) -> None:
-        """The stream begins so many samples into what is held."""
+        """The stream begins so many samples into what is held: nothing was retuned before it."""
         first = self._held_start + found
         self._held = deque([np.concatenate(self._held)[found:]])
         self.start_time = time = self._time_at(first)
         self.tags = deque(
             (max(item, first), key, value)
             for item, key, value in self.tags
-            if item > first or not pmt.eq(key, _RX_TIME)
+            if item > first or not (pmt.eq(key, _RX_TIME) or pmt.eq(key, _RETUNED))
         )
         if time is not None:
             self.tags.appendleft((first, _RX_TIME, time_value(*time)))

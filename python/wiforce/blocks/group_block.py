@@ -67,8 +67,9 @@ class NoiseTags:
         self._runs: deque[tuple[int, Array]] = deque()
 
     def add(self, item: int, value: Any) -> None:
-        """Take the tag of an item; tags must come in the order of their items."""
-        self._runs.append((item, np.array(pmt.f32vector_elements(value)).reshape(-1, 2)))
+        """Take the tag of an item, in the order of items; ignored if it is none of ours."""
+        if pmt.is_f32vector(value) and pmt.length(value) % 2 == 0:
+            self._runs.append((item, np.array(pmt.f32vector_elements(value)).reshape(-1, 2)))
 
     def noise(self, first: int, count: int) -> Array:
         """Noise of some items, (count, 2), zeros where unknown; earlier tags are forgotten."""

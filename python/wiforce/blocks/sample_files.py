@@ -26,7 +26,7 @@ from ..scene import Scene, load_scene
 from ..wiforce_python import recording_source, rx_time_value
 from . import names
 from .argument_types import Kept, typed
-from .stream_watch import Timeline, time_value
+from .stream_watch import DeviceSettings, Timeline, time_value
 
 
 @typed
@@ -78,6 +78,7 @@ def capture_source(
     return recording_source(**frame_settings(recording, waveform, frame_offset))
 
 
+_RX_TIME = pmt.intern(names.RX_TIME)
 # Interval at which the file is checked for new samples.
 _POLL_S = 0.1
 
@@ -179,7 +180,10 @@ class capture_stream(Kept, gr.sync_block):
         since = segment.global_index - self._known.segments[0].global_index
         whole = int(since // self._rate)
         value = time_value(whole, since / self._rate - whole)
-        self.add_item_tag(0, self.nitems_written(0), pmt.intern(names.RX_TIME), value)
+        self.add_item_tag(0, self.nitems_written(0), _RX_TIME, value)
+        if segment.retuned:
+            retuned = pmt.intern(names.RETUNED)
+            self.add_item_tag(0, self.nitems_written(0), retuned, pmt.from_uint64(1))
 
     def _read(self, out: Array) -> int:
         place = self._at * self._sample_bytes
@@ -209,7 +213,6 @@ class sample_keeper(Kept, gr.sync_block):
         return len(items)
 
 
-_RX_TIME = pmt.intern(names.RX_TIME)
 # A device's clock this near to the host's is UTC; without being set, it counts from its start.
 _UTC_WITHIN_S = 1800.0
 
@@ -219,7 +222,9 @@ class sigmf_recorder(Kept, gr.sync_block):
 
     Samples are written as they arrive and the metadata is replaced as a whole, so that the
     recording can be read at any time, also after a crash. Where ``rx_time`` reports lost samples, a
-    new entry of ``captures`` begins, whose ``core:global_index`` jumps.
+    new entry of ``captures`` begins, whose ``core:global_index`` jumps; so does one where the
+    device was opened or tuned again, with ``wiforce:retuned``. Samples that ``rx_rate`` or
+    ``rx_freq`` say have another rate or carrier are left out, as in ``preamble_fold``.
 
     A flowgraph that is started again continues the recording if its first ``rx_time`` reports the
     samples lost in between; otherwise the recording stops.
@@ -241,7 +246,7 @@ class sigmf_recorder(Kept, gr.sync_block):
     sample_rate : float
         Samples per second.
     center_frequency : float
-        Carrier in Hz.
+        Carrier in Hz; the metadata state the one that ``rx_freq`` reports, within 0.1 % of it.
     item_type : str
         ``fc32`` or ``sc16``.
     fields : dict, optional
@@ -283,12 +288,15 @@ class sigmf_recorder(Kept, gr.sync_block):
         gr.sync_block.__init__(self, "sigmf_recorder", in_sig=[kind.item], out_sig=None)
         self.failure: OSError | None = None
         self.utc_offset_s = 0.0
-        self._rate, self._center_frequency = sample_rate, center_frequency
+        self._rate = sample_rate
+        self._settings = DeviceSettings("sigmf_recorder", sample_rate, center_frequency)
         self._first_s: float | None = None  # device time of the first item, and host's
         self._arrived_s = 0.0
         self._timeline = Timeline(sample_rate)
         self._captures: list[dict[str, Any]] = []
-        self._recorded = 0
+        self._passed = self._recorded = 0  # items, in all runs
+        # Whether the next sample begins an entry of the metadata, and what is known of it.
+        self._begins, self._retuned, self._resumes = True, False, False
         self._global = {
             "core:datatype": kind.datatype,
             "core:sample_rate": sample_rate,
@@ -314,6 +322,8 @@ class sigmf_recorder(Kept, gr.sync_block):
         self._global |= fields
 
     def start(self) -> bool:
+        # GNU Radio counts items from 0 whenever a flowgraph starts, not so after unlock().
+        self._resumes = self.nitems_read(0) == 0 < self._recorded
         try:
             self._file = open(self._data, "xb" if self._file is None else "ab", buffering=0)
         except OSError as error:
@@ -324,9 +334,7 @@ class sigmf_recorder(Kept, gr.sync_block):
         items = input_items[0]
         if self.failure is None and self._file is not None:
             try:
-                self._note(len(items))
-                _write(self._file, np.ascontiguousarray(items).view(np.uint8).data)
-                self._recorded += len(items)
+                self._take(self._file, np.ascontiguousarray(items))
             except OSError as error:
                 self._stop_recording(error)
         return len(items)
@@ -351,6 +359,7 @@ class sigmf_recorder(Kept, gr.sync_block):
                 self._meta.unlink(missing_ok=True)
                 self._file = None
                 self._captures.clear()
+                self._begins = True
         except OSError as error:
             if self.failure is None:
                 self._stop_recording(error)
@@ -359,30 +368,45 @@ class sigmf_recorder(Kept, gr.sync_block):
         self.failure = error
         gr.log.error(f"sigmf_recorder: {self._data}: {error.strerror}; recording stopped")
 
-    def _note(self, count: int) -> None:
-        """A new entry of the metadata for the first item, and for each after lost samples."""
-        begins = [] if self._captures else [(0, 0)]
-        if begins:
-            self._note_first(count)
-        # GNU Radio counts items from 0 whenever a flowgraph starts.
-        before = self._recorded - self.nitems_read(0)
-        resumes = before == self._recorded > 0
-        for tag in self.get_tags_in_window(0, 0, count, _RX_TIME):
-            if self._timeline.note(before + tag.offset, tag.value):
-                begins.append((before + tag.offset, self._timeline.lost))
-        if resumes and self._recorded not in (item for item, _ in begins):
-            rule = "started again, and no rx_time reports the samples lost in between"
-            raise OSError(errno.ENODATA, rule)
-        for item, lost in begins:
-            self._captures.append(
-                {
-                    "core:sample_start": item,
-                    "core:global_index": item + lost,
-                    "core:frequency": self._center_frequency,
-                }
-            )
-        if begins:
-            self._write_metadata()
+    def _take(self, file: FileIO, items: Array) -> None:
+        """Record items as their tags say, each run behind its entry of the metadata."""
+        if not self._passed:
+            self._note_first(len(items))
+        tags = sorted(self.get_tags_in_window(0, 0, len(items)), key=lambda tag: tag.offset)
+        first, begin = self.nitems_read(0), 0
+        for tag in tags:
+            end = tag.offset - first
+            self._record(file, items[begin:end])
+            begin = end
+            if pmt.eq(tag.key, _RX_TIME):
+                if self._timeline.note(self._passed, tag.value):
+                    self._begins, self._resumes = True, False
+            elif self._settings.note(tag):
+                self._begins = self._retuned = True
+        self._record(file, items[begin:])
+
+    def _record(self, file: FileIO, items: Array) -> None:
+        """Record items that follow each other, unless they have another rate or carrier."""
+        if len(items) and self._settings.usable:
+            if self._resumes:
+                rule = "started again, and no rx_time reports the samples lost in between"
+                raise OSError(errno.ENODATA, rule)
+            if self._begins:
+                self._begin_capture()
+            _write(file, items.view(np.uint8).data)
+            self._recorded += len(items)
+        self._passed += len(items)
+
+    def _begin_capture(self) -> None:
+        capture = {
+            "core:sample_start": self._recorded,
+            "core:global_index": self._passed + self._timeline.lost,
+        }
+        if self._retuned:
+            capture["wiforce:retuned"] = True
+        self._captures.append(capture)
+        self._begins = self._retuned = False
+        self._write_metadata()
 
     def _note_first(self, count: int) -> None:
         """Note when the first item was received, the last of ``count`` just now."""
@@ -406,6 +430,9 @@ class sigmf_recorder(Kept, gr.sync_block):
         captures = [
             {
                 **capture,
+                # Of all: those that differ are left out, and the first may have come before its
+                # report.
+                "core:frequency": self._settings.carrier,
                 "core:datetime": written_utc(utc_s + capture["core:global_index"] / self._rate),
             }
             for capture in self._captures

@@ -13,10 +13,11 @@ from . import names
 from .argument_types import Kept, typed
 from .group_block import NoiseTags, noise_value
 from .rules import WaveformOrScene, frames_of
-from .stream_watch import Timeline
+from .stream_watch import DeviceSettings, Timeline
 
 _NOISE = pmt.intern(names.NOISE)
-_SLIPPED = pmt.intern(names.SLIPPED)
+# What is true of the ratio where it is true of either antenna.
+_OF_EITHER = {names.SATURATED, names.RETUNED}
 
 
 class antenna_ratio(Kept, gr.sync_block):
@@ -28,7 +29,7 @@ class antenna_ratio(Kept, gr.sync_block):
 
     Input 0 and 1: vectors of a symbol's samples, a frame each (``preamble_fold``,
     ``capture_source``), of the same frames; gaps must be the same. Output: the like; tags are
-    those of input 0, with the noise and the slips of both.
+    those of input 0, with the noise and the slips of both, saturated and retuned where either is.
 
     Parameters
     ----------
@@ -70,22 +71,34 @@ class antenna_ratio(Kept, gr.sync_block):
         self.set_tag_propagation_policy(gr.TPP_DONT)
         self._noise = NoiseTags(), NoiseTags()
 
+    def start(self) -> bool:
+        # A flowgraph that is started again counts items anew, not so after unlock().
+        if self.nitems_read(0) == 0:
+            self._noise = NoiseTags(), NoiseTags()
+        return super().start()
+
     def work(self, input_items: list[Array], output_items: list[Array]) -> int:
         first, second = input_items
         ratio = folded_ratio(first, second, self._waveform)
         output_items[0][:] = ratio
         count, start = len(first), self.nitems_written(0)
         noise = self._noise_of(0, count), self._noise_of(1, count)
-        for tag in self.get_tags_in_window(0, 0, count):
-            if not pmt.equal(tag.key, _NOISE):
-                offset = start + tag.offset - self.nitems_read(0)
-                self.add_item_tag(0, offset, tag.key, tag.value)
-        for tag in self.get_tags_in_window(1, 0, count, _SLIPPED):
-            self.add_item_tag(0, start + tag.offset - self.nitems_read(1), tag.key, tag.value)
+        self._forward_tags(count)
         if count:
             value = noise_value(ratio_noise((first, second), noise, ratio))
             self.add_item_tag(0, start, _NOISE, value)
         return count
+
+    def _forward_tags(self, count: int) -> None:
+        sent: set[tuple[int, str]] = set()
+        for port in range(2):
+            for tag in self.get_tags_in_window(port, 0, count):
+                key, item = str(tag.key), tag.offset - self.nitems_read(port)
+                known = (item, key) in sent or key not in _OF_EITHER
+                if key == names.NOISE or port == 1 and known and key != names.SLIPPED:
+                    continue
+                sent.add((item, key))
+                self.add_item_tag(0, self.nitems_written(0) + item, tag.key, tag.value)
 
     def _noise_of(self, port: int, count: int) -> Array:
         """Noise of the items at hand, by the tags of an input; shape (count, 2)."""
@@ -106,10 +119,11 @@ class free_fold(Kept, gr.basic_block):
     """Folds the frames of a transmitter on a clock of its own (:class:`.FrameFollower`).
 
     In: 16-bit samples of two antennas from the first frame on; out: vectors of the same frames.
+    Samples at another rate or carrier are discarded, as in ``preamble_fold``.
     """
 
     @typed
-    def __init__(self, waveform: Waveform) -> None:
+    def __init__(self, waveform: Waveform, carrier: float) -> None:
         vector = (np.complex64, waveform.symbol_length)
         gr.basic_block.__init__(
             self, "free_fold", in_sig=[(np.int16, 2)] * 2, out_sig=[vector, vector]
@@ -118,6 +132,7 @@ class free_fold(Kept, gr.basic_block):
         self._waveform = waveform
         self.follower = FrameFollower(waveform.frame_length)
         self._timeline = Timeline(waveform.sample_rate_hz)
+        self._settings = DeviceSettings("free_fold", waveform.sample_rate_hz, carrier)
         self._gaps = 0
         # Folded vectors (n, 2, N) with their noise (n, 2, 2) and saturation (n,).
         self._waiting: list[tuple[Array, Array, Array]] = []
@@ -158,18 +173,28 @@ class free_fold(Kept, gr.basic_block):
         first, begin = self.nitems_read(0), 0
         tags = sorted(self.get_tags_in_window(0, 0, len(items)), key=lambda tag: tag.offset)
         for tag in tags:
-            if pmt.eq(tag.key, _RETUNED):
+            end = tag.offset - first
+            self._take_part(items[begin:end])
+            begin = end
+            if self._settings.note(tag):
+                self._lose(0, items)  # no frame has samples from both sides of it
                 self._retuned = True
             if not pmt.eq(tag.key, _RX_TIME):
                 continue
             if lost := self._timeline.note(tag.offset, tag.value):
-                at = tag.offset - first
-                self._fold(self.follower.take(items[begin:at]))
-                self._fold(self.follower.lose(lost, items.shape[1]))
-                begin = at
+                self._lose(lost, items)
                 self._gaps += 1
-                self._begins = True
-        self._fold(self.follower.take(items[begin:]))
+        self._take_part(items[begin:])
+
+    def _take_part(self, items: Array) -> None:
+        if self._settings.usable:
+            self._fold(self.follower.take(items))
+        elif len(items):
+            self._lose(len(items), items)
+
+    def _lose(self, samples: int, items: Array) -> None:
+        self._fold(self.follower.lose(samples, items.shape[1]))
+        self._begins = True
 
     def _fold(self, samples: Array) -> None:
         frames = samples.reshape(-1, self._waveform.frame_length, 4)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import pmt
+from gnuradio import gr
 
 from ..estimation.capture.folded_groups import SnapshotGroup
 from ..estimation.capture.recorded_frames import (
@@ -21,8 +22,9 @@ from ..planning.findings import wrong_clock, wrong_clocks
 from ..planning.plan import Plan
 from ..press.sensor_state import CLIPPED, PATIENCE_S, describe_doubt, describe_silence
 from ..receiver.stream import StreamReader
-from ..wiforce_kernels import timeline
+from ..wiforce_kernels import device_settings, timeline
 from ..wiforce_python import rx_time_value
+from . import names
 
 
 def time_value(seconds: int, fraction: float) -> Any:
@@ -53,6 +55,46 @@ class Timeline:
     def time_at(self, offset: int) -> tuple[int, float] | None:
         """Device time (whole seconds, fraction) of an item not before the last tag, or None."""
         return self._timeline.time_at(offset)
+
+
+class DeviceSettings:
+    """Whether samples have the rate and carrier that they are read at, as in ``preamble_fold``.
+
+    A block of this ``name`` warns where it begins to discard them.
+    """
+
+    def __init__(self, name: str, sample_rate: float, carrier: float) -> None:
+        self._name, self._rate = name, sample_rate
+        self._settings = device_settings(sample_rate, carrier)
+
+    @property
+    def usable(self) -> bool:
+        """Whether the samples that follow have both."""
+        return self._settings.usable()
+
+    @property
+    def carrier(self) -> float:
+        """Carrier of the samples that are used, in Hz."""
+        return self._settings.carrier()
+
+    def note(self, tag: Any) -> bool:
+        """Take a tag; whether samples are used again behind it, with new phases."""
+        key, value = str(tag.key), tag.value
+        if key == names.RETUNED:
+            return self.usable
+        if key not in (names.RX_RATE, names.RX_FREQ):
+            return False
+        if not (pmt.is_real(value) or pmt.is_integer(value)):
+            return False
+        before, is_rate, number = self.usable, key == names.RX_RATE, pmt.to_double(value)
+        (self._settings.note_rate if is_rate else self._settings.note_carrier)(number)
+        if before and not self.usable:
+            wanted = self._rate if is_rate else self.carrier
+            gr.log.warn(
+                f"{self._name}: {key} is {number:g}, not {wanted:g}; samples are discarded until "
+                "it is set back"
+            )
+        return self.usable and not before
 
 
 # Groups are looked at so often, in s of signal.

@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..estimation.estimators import RatioUnfolder
 from ..estimation.groups import Array, Groups
 from ..io.readings import (
     Flag,
@@ -31,15 +30,14 @@ class Readout:
     """Gives the readings of all sensors of a run, one group late.
 
     What a group was is clear when the next one is known. Earlier groups than ``first_group`` are
-    not given; ``counts`` continues those of the readings given before. R is a ``change``, ``step``
-    or ``square`` (see ``estimators.Estimator``). Group 0 begins at ``start_s``.
+    not given; ``counts`` continues those of the readings given before. Group 0 begins at
+    ``start_s``.
     """
 
     def __init__(
         self,
         sensors: dict[str, SensorReadout],
         group_period_s: float,
-        ratios: str = "change",
         on_groups: Callable[[Groups], None] | None = None,
         first_group: int = 0,
         counts: GroupCounts | None = None,
@@ -48,7 +46,6 @@ class Readout:
     ) -> None:
         self.sensors, self._surface = sensors, surface
         self._period_s, self._start_s = group_period_s, start_s
-        self._unfolder = RatioUnfolder(ratios)
         self._steps = receiver_steps(group_period_s)
         # The group that waits, and what the stages before say of it, by sensor.
         self._waiting: tuple[Groups, list[Array]] | None = None
@@ -60,7 +57,6 @@ class Readout:
         """Take a batch; give the readings that are ready, in order."""
         if not len(groups):
             return []
-        groups = self._unfolder.process(groups)
         receiver = self._steps.process(
             groups.static, groups.ratios, groups.reference_power, groups.locked
         )

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from ..errors import InputError
-from ..estimation.estimators import estimator_named
+from ..estimation.estimators import RatioUnfolder, estimator_named
 from ..estimation.groups import Groups
 from ..estimation.phases.reference import SubcarrierAverage
 from ..io.readings import GroupCounts, Reading
@@ -121,6 +121,7 @@ class Receiver:
             len(plan.clocks), plan.reference_groups, plan.waveform
         )
         self.average = SubcarrierAverage()
+        self.unfolder = RatioUnfolder(estimator.ratios)
         self.readout = make_readout(plan, tracked, on_groups, first_group, counts, states)
         self.tares = TareRequests(
             self.difference, self.readout.sensors, plan.group_period_s, plan.start_s
@@ -258,7 +259,7 @@ class Receiver:
         return readings
 
     def _read(self, groups: Groups) -> list[Reading]:
-        return self.readout.process(self.average.process(groups))
+        return self.readout.process(self.unfolder.process(self.average.process(groups)))
 
 
 def make_readout(
@@ -294,7 +295,6 @@ def make_readout(
             plan.sensors, surveyed, tag_ratios, in_lamps, strict=True
         )
     }
-    ratios = estimator_named(plan.estimator).ratios
     surface = None
     if plan.skin is not None:
         names = plan.require_scene().reading_names[len(sensors) :]
@@ -302,7 +302,7 @@ def make_readout(
 
         surface = SurfaceReadout(SurfaceEstimator(plan.skin, len(names)), names)
     more = on_groups, first_group, counts, surface, plan.start_s
-    return Readout(sensors, period_s, ratios, *more)
+    return Readout(sensors, period_s, *more)
 
 
 def _unseen(sensor: PlannedSensor, plan: Plan) -> SensorState:

@@ -5,19 +5,23 @@ import json
 import os
 import shutil
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
+import pmt
 import pytest
 from command_runs import run_command, succeeded
+from device_times import tag_at
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.names import second_antenna
+from gnuradio.wiforce.receiver.recording import groups_of
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.simulation.simulator import simulate
-from press_capture import SLOW
+from press_capture import SLOW, array_source, codes_of
 from wiforce_app.read.recordings import read_capture
 
 SCENE = SLOW | {
@@ -51,6 +55,32 @@ def test_antenna_ratio_block_gives_folded_vectors_of_the_ratio():
     wanted = np.divide(*np.fft.fft(folded)[:, :, waveform.bins])
     np.testing.assert_allclose(got[:, waveform.bins], wanted, rtol=1e-4, atol=1e-4)
     assert np.abs(got[:, 0]).max() < 1e-5
+
+
+def ratio_noise_of(ratio, *tags):
+    """Noise tags of the ratio of 20 vectors to themselves, with these tags."""
+    flowgraph, sink = gr.top_block(), blocks.vector_sink_c(64)
+    source = array_source(np.ones((20, 64), np.complex64), tags)
+    for port in range(2):
+        flowgraph.connect(source, (ratio, port))
+    flowgraph.connect(ratio, sink)
+    flowgraph.run()
+    return np.concatenate([pmt.f32vector_elements(tag.value) for tag in sink.tags()])
+
+
+@pytest.mark.parametrize(
+    "value", [pmt.from_double(1.0), pmt.init_f32vector(1, [1.0])], ids=["number", "half a pair"]
+)
+def test_antenna_ratio_tag_noise_of_another_type_is_ignored(value):
+    """The flowgraph hung, as it does after any exception in a block."""
+    noise = ratio_noise_of(wiforce.antenna_ratio(), tag_at(3, "noise", value))
+    assert noise.tolist() == [0] * 40
+
+
+def test_antenna_ratio_started_again_forgets_the_noise_of_before():
+    ratio, known = wiforce.antenna_ratio(), pmt.init_f32vector(40, [1.0] * 40)
+    assert ratio_noise_of(ratio, tag_at(0, "noise", known)).all()
+    assert not ratio_noise_of(ratio).any()
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +117,55 @@ def test_antenna_ratio_partial_last_group_is_not_read(captures):
     found = readings(captures[0], scene)
     assert found[-1].time_s == pytest.approx(24.5 * scene.group_period_s)
     assert "gap" not in found[-1].flags
+
+
+@pytest.fixture
+def loud(captures, tmp_path):
+    """The captures, whose second antenna clips in group 4 and the first one as well in group 6."""
+    name, scene = captures
+    codes = [codes_of(name), codes_of(second_antenna(name))]
+    frame, group = scene.sounding.frame_length, 250 * scene.sounding.frame_length
+    codes[1][4 * group + 100 : 5 * group : frame] = 32767
+    codes[1][6 * group + 100 : 6 * group + 5 * frame : frame] = 32767
+    codes[0][6 * group + 3 * frame + 100 : 7 * group : frame] = 32767
+    loud = tmp_path / "x"
+    for antenna, of in zip(codes, (str, second_antenna), strict=True):
+        antenna.tofile(f"{of(loud)}.sigmf-data")
+        shutil.copy(f"{of(name)}.sigmf-meta", f"{of(loud)}.sigmf-meta")
+    return loud, scene
+
+
+def test_saturation_of_either_antenna_flags_its_group_in_recordings(loud):
+    """Only the first antenna counted: clipped samples of the second were read without a flag."""
+    name, scene = loud
+    groups = groups_of(open_capture(name), wiforce.plan(scene), 0).read()
+    assert np.flatnonzero(groups.saturated).tolist() == [4, 6]
+
+
+def test_saturation_of_either_antenna_is_tagged_once_per_snapshot(loud):
+    name, scene = loud
+    sources = [wiforce.capture_source(each, scene) for each in (name, second_antenna(name))]
+    ratio, sink = wiforce.antenna_ratio(scene), blocks.vector_sink_c(64)
+    flowgraph = gr.top_block()
+    for port, source in enumerate(sources):
+        flowgraph.connect(source, (ratio, port))
+    flowgraph.connect(ratio, sink)
+    flowgraph.run()
+    tagged = [tag.offset for tag in sink.tags() if str(tag.key) == "saturated"]
+    assert sorted(tagged) == [*range(1000, 1250), *range(1500, 1750)]
+
+
+def test_retuning_of_two_antennas_marks_its_group(loud):
+    """The new phases of a device opened again, in a recording of it, were read as a press."""
+    name, scene = loud
+    for of in (str, second_antenna):
+        meta = Path(f"{of(name)}.sigmf-meta")
+        content = json.loads(meta.read_text())
+        start = 5 * 250 * scene.sounding.frame_length + 77
+        content["captures"].append({"core:sample_start": start, "wiforce:retuned": True})
+        meta.write_text(json.dumps(content))
+    groups = groups_of(open_capture(name), wiforce.plan(scene), 0).read()
+    assert np.flatnonzero(groups.retuned).tolist() == [5]
 
 
 def test_single_antenna_with_free_clock_reads_nothing(captures):

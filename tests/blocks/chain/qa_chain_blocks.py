@@ -71,6 +71,17 @@ def test_chain_blocks_reader_and_receiver_give_equal_readings(codes, plan, lost,
                 assert a.location_mm == pytest.approx(b.location_mm, abs=0.04 * b.location_std_mm)
 
 
+@pytest.mark.parametrize("estimator", ["paper", "sideband"])
+def test_chain_ratios_of_other_estimators_are_read_as_changes(codes, estimator):
+    """Steps from group to group, and squares: a press would be read in its first group only."""
+    plan = wiforce.plan(SCENE, estimator=estimator)
+    expected = readings_of_receiver(plan, codes, slice(0), False)
+    found = readings_of_chain(plan, array_source(codes), press_fold())
+    assert [r.flags for r in found] == [r.flags for r in expected]
+    phases = [[(r.phase1_deg, r.phase2_deg) for r in rows] for rows in (found, expected)]
+    np.testing.assert_allclose(*np.array(phases, float), atol=2e-3)
+
+
 # What the survey adapts the plan to: lamps, and a receiver that compresses.
 ROOMS = {
     "lamps": {

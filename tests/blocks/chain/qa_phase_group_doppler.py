@@ -18,6 +18,18 @@ def run_over(snapshots, doppler, indices=None, chunk=None):
     return run, run.items.reshape(-1, doppler.rows(), 64)
 
 
+@pytest.mark.parametrize("key", ["snapshot", "slipped", "noise", "saturated", "retuned"])
+@pytest.mark.parametrize(
+    "value", [pmt.PMT_NIL, pmt.intern("x"), pmt.from_long(-1), pmt.init_u64vector(1, [3])], ids=str
+)
+def test_tags_of_another_type_than_ours_are_ignored(key, value):
+    """A block of somebody else that makes a tag of this name ended the flowgraph."""
+    snapshots, doppler = random_complex(100, 64), wiforce.phase_group_doppler(TABLES["any"], 50)
+    tags = [tag_at(0, "snapshot", pmt.from_uint64(0)), tag_at(7, key, value)]
+    run = Run(array_source(snapshots.astype(np.complex64), tags), doppler)
+    assert run.tags["group"] == {0: 0, 1: 1} and "slipped" not in run.tags
+
+
 def tones(snapshots, weights):
     """sum_n w[m, n] h[n, k] of every whole group, in double precision."""
     group_length = weights.shape[1]

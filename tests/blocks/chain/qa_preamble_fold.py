@@ -139,7 +139,9 @@ def test_tones_in_one_thread_are_those_of_two_blocks_to_the_bit(chunk, item_type
     samples = rng.integers(-2000, 2000, size=(90 * 720, 2)).astype(np.int16)
     # In a group, over whole groups, and in a guard.
     losses = [(720 * 11 + 100, 1500), (720 * 30 + 70, 720 * 20), (720 * 70 + 400, 30)]
-    received, tags, _ = with_losses(samples, losses, rate)
+    received, times, _ = with_losses(samples, losses, rate)
+    retuned = [tag_at(tag.offset, "retuned", pmt.from_uint64(1)) for tag in times[1:]]
+    tags = sorted([*times, *retuned], key=lambda tag: tag.offset)
     if item_type == "fc32":
         received = (received[:, 0] + 1j * received[:, 1]).astype(np.complex64)
         received[720 * 40 + 99] = np.nan
@@ -150,6 +152,8 @@ def test_tones_in_one_thread_are_those_of_two_blocks_to_the_bit(chunk, item_type
     want, found = (Run(array_source(received, tags, chunk), *chain) for chain in (two, one))
     np.testing.assert_array_equal(found.items, want.items)
     assert found.tags == want.tags
+    # The groups before whole ones that are lost were received with the former settings.
+    assert [found.tags["group"][item] for item in found.tags["retuned"]] == [1, 6, 8]
     for group, same in zip(found.incomplete, want.incomplete, strict=True):
         for value, of_same in zip(group, same, strict=True):
             np.testing.assert_array_equal(value, of_same)

@@ -7,8 +7,9 @@ import time
 import numpy as np
 import pmt
 import pytest
-from device_times import rx_time
+from device_times import rx_time, tag_at
 from gnuradio import blocks, wiforce
+from gnuradio.wiforce.blocks.captures import capture_stream
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.frame import MARGIN, measure_levels
 from gnuradio.wiforce.io.capture import Segment, open_capture
@@ -123,6 +124,36 @@ def test_a_recording_states_when_its_first_sample_was_received(tmp_path, clock):
     else:
         assert times_s[0] == pytest.approx(time.time(), abs=30)
     assert np.diff(times_s) == pytest.approx([] if start_s is None else [2], abs=2e-6)
+
+
+def test_a_recording_leaves_out_other_rates_and_carriers_and_states_its_own(tmp_path):
+    """What live discards was recorded as good, at a carrier that the device never had."""
+    samples = stream(0, 30)
+    settings = ("rx_freq", 1000, 2.4e9), ("rx_freq", 2000, 900.2e6), ("rx_rate", 7000, 10e6)
+    tags = [tag_at(at, key, pmt.from_double(hertz)) for key, at, hertz in settings]
+    tags += [rx_time(0, 1.0), rx_time(8000, 1.0 + 8500 / RATE)]
+    tags += [tag_at(9000, "rx_rate", pmt.from_double(RATE)), tag_at(9500, "rx_freq", pmt.PMT_T)]
+    tags += [tag_at(at, "retuned", pmt.from_uint64(1)) for at in (7500, 12_000)]
+    recorder = wiforce.sigmf_recorder(tmp_path / "run")
+    run_flowgraph(array_source(samples, sorted(tags, key=lambda tag: tag.offset)), recorder)
+    assert recorder.failure is None
+    capture = open_capture(tmp_path / "run")
+    kept = [samples[:1000], samples[2000:7000], samples[9000:]]
+    assert np.array_equal(capture.read(len(samples)), np.concatenate(kept))
+    assert capture.center_frequency_hz == 900.2e6
+    assert capture.segments == (
+        Segment(0, 0, 1000),
+        Segment(1000, 2000, 5000, retuned=True),
+        Segment(6000, 9500, 3000, retuned=True),
+        Segment(9000, 12_500, len(samples) - 12_000, retuned=True),
+    )
+    entries = json.loads((tmp_path / "run.sigmf-meta").read_text())["captures"]
+    assert "wiforce:retuned" not in entries[0] and entries[1]["wiforce:retuned"] is True
+    followed, sink = capture_stream(tmp_path / "run"), blocks.vector_sink_c()
+    followed.ended.set()
+    run_flowgraph(followed, sink)
+    tagged = [tag.offset for tag in sink.tags() if str(tag.key) == "retuned"]
+    assert tagged == [1000, 6000, 9000]
 
 
 def test_a_recording_without_samples_leaves_no_file(tmp_path):

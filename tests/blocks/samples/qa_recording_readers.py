@@ -21,6 +21,7 @@ KEPT = {
     "whole": [(0, 100 * FRAME)],
     "gaps in groups": [(0, 5 * FRAME + 100), (5 * FRAME + 110, 61 * FRAME + 250)],
     "lost groups": [(3, 20_000), (40_000, 41_000), (45_000, 70_000)],
+    "retuned": [(0, 20_000), (20_000, 20_050), (21_000, 41_000), (45_000, 70_000)],
 }
 
 
@@ -34,6 +35,8 @@ def capture(request, tmp_path):
         samples = samples.astype("<f4") / 32768
         samples[30 * FRAME + 70] = np.nan
     data, segments = cut(samples, KEPT[kept])
+    if kept == "retuned":
+        segments = [(*segment, n in (1, 3)) for n, segment in enumerate(segments)]
     (tmp_path / "x.bin").write_bytes(data.tobytes())
     return str(tmp_path / "x.bin"), datatype, segments, FRAME
 
@@ -81,6 +84,10 @@ def test_tone_reader_over_gaps_gives_what_the_flowgraph_gives(capture, settings,
     np.testing.assert_array_equal(tones, want)
     for key, values in (("group", index), ("missing", missing), ("saturated", saturated)):
         assert values.tolist() == [run.tags[key].get(n, 0) for n in range(len(want))], key
+    # The runs of the file that hold no whole frame are marked at the next one.
+    retuned = [frame // GROUP for frame in reader.retuned()]
+    assert retuned == [index[item] for item in run.tags["retuned"]]
+    assert retuned == ([5, 10] if len(capture[2]) == 4 else [])
     assert len(index) > 5
     assert reader.snapshots() == source.snapshots()
     assert reader.samples_missing() == reader.frames_moved() == 0

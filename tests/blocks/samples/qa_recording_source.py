@@ -2,9 +2,10 @@
 """recording_source against numpy, and against the stream blocks that it stands for."""
 
 import numpy as np
+import pmt
 import pytest
 from device_times import rx_time
-from gnuradio import gr, wiforce
+from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks import names
 from press_capture import Run, array_source, counted_on, cut
 
@@ -83,6 +84,38 @@ def test_a_file_cut_short_is_read_as_far_as_it_goes(tmp_path, samples, held, fra
     folded, _ = run(source)
     assert len(folded) == frames
     assert source.samples_missing() == samples - held
+
+
+@pytest.mark.parametrize("segment", [(0, 0), (0, 0, 1, 0, 0)])
+def test_a_segment_of_another_length_is_named(tmp_path, segment):
+    (tmp_path / "x.bin").write_bytes(bytes(8))
+    with pytest.raises(ValueError, match="segments must have 3 or 4 numbers each, got"):
+        wiforce.recording_source(str(tmp_path / "x.bin"), "ci16_le", [segment], FRAME)
+
+
+def test_indices_stay_true_when_the_flowgraph_is_started_again(tmp_path):
+    """Vectors in buffers are lost then: all readings that followed were early."""
+    frames = 20_000
+    samples = np.repeat(np.arange(frames, dtype="<i2"), 2 * FRAME).reshape(-1, 2)
+    (tmp_path / "x.bin").write_bytes(samples.tobytes())
+    source = wiforce.recording_source(
+        str(tmp_path / "x.bin"), "ci16_le", [(0, 0, len(samples))], FRAME
+    )
+    head, sink = blocks.head(64 * gr.sizeof_gr_complex, 100), blocks.vector_sink_c(64)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, head, sink)
+    for first_run in (True, False):
+        flowgraph.run()
+        tags = {
+            tag.offset: pmt.to_uint64(tag.value)
+            for tag in sink.tags()
+            if str(tag.key) == "snapshot"
+        }
+        held = np.rint(np.reshape(sink.data(), (100, 64))[:, 0].real * 32768).astype(int)
+        assert (held[0] == 0) == first_run
+        assert counted_on(tags, 100) == held.tolist()
+        head.reset()
+        sink.reset()
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pmt
 import pytest
-from device_times import rx_time
+from device_times import rx_time, tag_at
 from gnuradio import blocks, gr, wiforce
 from gnuradio.wiforce.blocks.snapshots import free_fold
 from gnuradio.wiforce.errors import InputError
@@ -280,18 +280,49 @@ def test_follower_gap_costs_only_the_frames_that_it_hits(within, lost):
     assert np.array_equal(after[: 64 * LENGTH], whole[(700 + lost) * LENGTH :][: 64 * LENGTH])
 
 
-def test_free_fold_vectors_of_both_antennas_have_one_phase_and_indices_over_gaps():
-    items, start, lost = received_by_antennas(8), 700 * LENGTH + 50, 3 * LENGTH
-    items = np.concatenate([items[:start], items[start + lost :]])
-    times = [rx_time(0, 3.0), rx_time(start, 3.0 + (start + lost) / 2.5e6)]
-    fold = free_fold(sounding_waveform("repeated", LENGTH, 2.5e6))
+def folded_freely(items, tags):
+    """The block and its two sinks, after a run over samples of two antennas."""
+    fold = free_fold(sounding_waveform("repeated", LENGTH, 2.5e6), 900e6)
     sinks = [blocks.vector_sink_c(64), blocks.vector_sink_c(64)]
-    sources = [array_source(items[:, :2].copy(), times), array_source(items[:, 2:].copy())]
+    sources = [array_source(items[:, :2].copy(), tags), array_source(items[:, 2:].copy())]
     flowgraph = gr.top_block()
     for port in range(2):
         flowgraph.connect(sources[port], (fold, port))
         flowgraph.connect((fold, port), sinks[port])
     flowgraph.run()
+    return fold, sinks
+
+
+def offsets(sink, key):
+    return [tag.offset for tag in sink.tags() if str(tag.key) == key]
+
+
+@pytest.mark.parametrize("key, other, own", [("rx_freq", 910e6, 900e6), ("rx_rate", 1e6, 2.5e6)])
+def test_free_fold_discards_samples_of_another_rate_or_carrier(key, other, own):
+    """With one antenna they were discarded, and read as good ones with two."""
+    items, start, stop = received_by_antennas(8).copy(), 300 * LENGTH + 50, 500 * LENGTH + 50
+    items[start:stop] = 0
+    tags = [tag_at(at, key, pmt.from_double(hz)) for at, hz in ((start, other), (stop, own))]
+    _, sinks = folded_freely(items, tags)
+    vectors = np.reshape(sinks[0].data(), (-1, 64))
+    assert len(vectors) > FRAMES - 80 - 202
+    assert np.abs(vectors).max(axis=1).all()
+    assert offsets(sinks[0], "snapshot") == [0, 300]
+    assert offsets(sinks[0], "retuned") == [300]
+
+
+def test_free_fold_frames_before_a_retuning_are_not_marked():
+    items, start = received_by_antennas(8), 700 * LENGTH + 50
+    retuned = tag_at(start, "retuned", pmt.from_uint64(1))
+    _, sinks = folded_freely(items, [rx_time(0, 3.0), retuned])
+    assert offsets(sinks[0], "retuned") == [700]
+
+
+def test_free_fold_vectors_of_both_antennas_have_one_phase_and_indices_over_gaps():
+    items, start, lost = received_by_antennas(8), 700 * LENGTH + 50, 3 * LENGTH
+    items = np.concatenate([items[:start], items[start + lost :]])
+    times = [rx_time(0, 3.0), rx_time(start, 3.0 + (start + lost) / 2.5e6)]
+    fold, sinks = folded_freely(items, times)
     first, second = (np.fft.fft(np.reshape(sink.data(), (-1, 64)))[:, 1:32] for sink in sinks)
     assert len(first) > FRAMES - 80
     ratio = second / first

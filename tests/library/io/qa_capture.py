@@ -65,6 +65,18 @@ def test_open_capture_segments_lie_between_gaps_on_the_count_of_the_device(
     assert capture.span == sum(segments[-1][1:]) - segments[0][1]
 
 
+def test_open_capture_begins_a_segment_at_each_retuning(tmp_path):
+    """Its phases are new ones: a recording that was reconnected read as presses of nobody."""
+    captures = stated((0, 50), (300, 350), (400, None), (700, 900), (1000, None))
+    for n in (1, 3):
+        captures[n]["wiforce:retuned"] = True
+    captures[2]["wiforce:retuned"] = False
+    capture = open_capture(write(tmp_path, captures=captures))
+    places = (0, 50, 300, False), (300, 350, 400, True), (700, 900, 300, True)
+    assert capture.segments == tuple(Segment(*each) for each in places)
+    assert capture.gaps == 1
+
+
 @pytest.mark.parametrize(
     ("changes", "places", "lacking"),
     [
@@ -103,6 +115,10 @@ def test_open_capture_samples_in_another_file_are_refused(tmp_path, path):
         (
             {"captures": [{"core:sample_start": n, "core:frequency": n // 2} for n in (2, 3, 4)]},
             "core:frequency must be the same in all captures, got 2",
+        ),
+        (
+            {"captures": [{"core:sample_start": 0, "wiforce:retuned": 1}]},
+            "wiforce:retuned: is not valid SigMF (1 is not of type 'boolean')",
         ),
         ({"captures": stated((0, 9), (100, 20))}, "core:global_index must not decrease"),
         (

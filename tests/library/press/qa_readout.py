@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from gnuradio.wiforce.estimation.estimators import RatioUnfolder
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.press.evidence import PressEvidence
 from gnuradio.wiforce.press.explanations import filter_of
@@ -38,10 +39,10 @@ def group_of(index, ratios, std_deg=0.05, missing=0, reference=False, **more):
     return group.having(**{name: np.reshape(more[name], shapes[name]) for name in more})
 
 
-def make_readout(ratios="change"):
+def make_readout():
     evidence = PressEvidence(MODEL, CARRIER_HZ, np.zeros(2), PERIOD_S)
     state = SensorState(lambda: filter_of(MODEL, CARRIER_HZ, 0.0), evidence)
-    return Readout({"s0": SensorReadout(MODEL, CARRIER_HZ, 0.0, PERIOD_S, state)}, PERIOD_S, ratios)
+    return Readout({"s0": SensorReadout(MODEL, CARRIER_HZ, 0.0, PERIOD_S, state)}, PERIOD_S)
 
 
 def scaled(group, by):
@@ -175,7 +176,8 @@ def test_readout_steps_of_the_paper_add_up():
         scaled(group, 1 / before.ratios)
         for before, group in zip(changes[:-1], changes[1:], strict=True)
     ]
-    readings = readings_of(make_readout(ratios="step"), steps)
+    unfolder = RatioUnfolder("step")
+    readings = readings_of(make_readout(), map(unfolder.process, steps))
     assert [r.touch for r in readings] == [int(20 <= g <= 29) for g in range(40)]
     assert readings[25].location_mm == pytest.approx(35.0, abs=0.2)
 

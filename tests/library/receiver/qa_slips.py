@@ -205,6 +205,16 @@ def test_group_left_out_before_a_slip_passes_on_that_the_device_was_tuned():
     ]
 
 
+def test_retuning_in_groups_left_out_marks_the_next_one():
+    """What the receiver did would be read as done by the sensor."""
+    slips = Slips(10)
+    slips.add([(32, 45)], [25, 36, 77])
+    marks = [slips.mark(group) for group in range(1, 6)]
+    assert marks == [(False, False), (False, True), None, None, (True, True)]
+    slips.add([(32, 45)], [25, 36, 77])  # kernels give all of them again
+    assert [slips.mark(group) for group in (6, 9)] == [(False, False), (False, True)]
+
+
 def test_slips_of_the_past_are_forgotten():
     """A device that loses samples for days would be read slower and slower."""
     slips = Slips(625)

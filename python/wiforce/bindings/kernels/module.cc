@@ -2,9 +2,11 @@
 // Plain kernels for NumPy: nothing here needs GNU Radio's runtime.
 #include "kernels.h"
 
+#include <kernel/timing/device_settings.h>
 #include <kernel/timing/timeline.h>
 
 #include <exception>
+#include <memory>
 #include <unistd.h>
 
 using namespace gr::wiforce::kernel;
@@ -51,4 +53,17 @@ PYBIND11_MODULE(wiforce_kernels, m)
         .def(py::init<double>())
         .def("note", &note)
         .def("time_at", &time_at);
+    py::class_<device_settings>(
+        m,
+        "device_settings",
+        "Rate and carrier of a stream of samples; see DeviceSettings.")
+        .def(py::init([](double sample_rate, double carrier) {
+            auto settings = std::make_unique<device_settings>(sample_rate);
+            settings->expect_carrier(carrier);
+            return settings;
+        }))
+        .def("note_rate", &device_settings::note_rate)
+        .def("note_carrier", &device_settings::note_carrier)
+        .def("usable", &device_settings::usable)
+        .def("carrier", &device_settings::carrier);
 }

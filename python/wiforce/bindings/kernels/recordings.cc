@@ -3,11 +3,10 @@
 
 #include <kernel/recording/readers.h>
 
-#include <array>
-
 using namespace gr::wiforce::kernel;
 
-using segment_list = std::vector<std::array<std::uint64_t, 3>>;
+// File sample, index, length and, where it is stated, whether the device was retuned.
+using segment_list = std::vector<std::vector<std::uint64_t>>;
 
 // An array that takes over the memory of its values.
 template <class T>
@@ -58,8 +57,8 @@ static auto make_reader(const std::string& path,
                         const Settings&... settings)
 {
     std::vector<recording::segment> runs;
-    for (const auto& [file_sample, global_index, length] : segments)
-        runs.push_back({ file_sample, global_index, length });
+    for (const auto& of : segments)
+        runs.push_back({ of.at(0), of.at(1), of.at(2), of.size() > 3 && of[3] != 0 });
     auto frames = std::make_unique<recorded_frames>(
         path,
         datatype,
@@ -134,7 +133,11 @@ static void bind_counters(py::class_<Reader>& reader)
         .def(
             "misplaced",
             [](const Reader& r) { return r.frames().misplaced(); },
-            "Of each slip, the first frame that may lie elsewhere and the end.");
+            "Of each slip, the first frame that may lie elsewhere and the end.")
+        .def(
+            "retuned",
+            [](const Reader& r) { return r.frames().retuned(); },
+            "The first frame behind each retuning of the device.");
 }
 
 void bind_recordings(py::module& m)

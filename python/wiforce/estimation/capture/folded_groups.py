@@ -57,19 +57,30 @@ def _power(folded: Array) -> Array:
 
 
 class Slips:
-    """Slips of the frame timing: groups before each would be read as a press, and are left out."""
+    """Slips of the frame timing: groups before each would be read as a press, and are left out.
+
+    What is marked of a group left out, that the device was retuned, is marked of the next one.
+    """
 
     def __init__(self, group_length: int) -> None:
         self._length = group_length
         self._known: set[tuple[int, int]] = set()
         self._misplaced: list[tuple[int, int]] = []
         self._ends: list[int] = []
+        self._retunings: list[int] = []  # first frames behind them that no group was marked for
         self._retuned = False  # in a group that was left out
         # Groups before the latest one in which a slip may still be found.
         self.unsure = -(-UNNOTICED_FRAMES // group_length)
 
-    def add(self, misplaced: Iterable[tuple[int, int]]) -> None:
-        """Add the frames (first, end) that slips misplaced; those that are known may come again."""
+    def add(self, misplaced: Iterable[tuple[int, int]], retuned: Iterable[int] = ()) -> None:
+        """Add the frames (first, end) that slips misplaced, and the first behind each retuning.
+
+        Those that are known may come again.
+        """
+        for frame in retuned:
+            if (frame, frame) not in self._known:
+                self._known.add((frame, frame))
+                self._retunings.append(frame)
         for frames in misplaced:
             if frames not in self._known:
                 self._known.add(frames)
@@ -84,7 +95,10 @@ class Slips:
 
     def mark(self, group: int, retuned: bool = False) -> tuple[bool, bool] | None:
         """Whether the next group follows a slip, and a retuned device; None where left out."""
-        self._retuned |= retuned
+        end = (group + 1) * self._length
+        retunings = [frame for frame in self._retunings if frame >= end]
+        self._retuned |= retuned or len(retunings) < len(self._retunings)
+        self._retunings = retunings
         if self.elsewhere(group):
             return None
         retuned, self._retuned = self._retuned, False
@@ -211,7 +225,7 @@ def frame_settings(recording: Capture, waveform: Waveform, frame_offset: int) ->
     return {
         "path": os.fsencode(recording.path),
         "datatype": recording.datatype,
-        "segments": [(s.file_sample, s.global_index, s.length) for s in recording.segments],
+        "segments": [tuple(segment) for segment in recording.segments],
         **waveform.folding,
         "frame_offset": frame_offset,
     }
@@ -250,7 +264,10 @@ class _RatioFrames:
         self.ended = False
 
     def read(self, count: int) -> tuple[Array, ...]:
-        """The next frames, up to ``count`` of an antenna: indices, ratio, its noise, saturation."""
+        """The next frames, up to ``count`` of an antenna: indices, ratio, its noise, saturation.
+
+        A frame is saturated where either antenna is.
+        """
         newest = [int(held["snapshot"].max(initial=-1)) for held in self._held]
         for each, kernel in enumerate(self._kernels):
             if newest[each] == min(newest):
@@ -266,7 +283,7 @@ class _RatioFrames:
         folded = first["folded"][rows], second["folded"][others]
         ratio = folded_ratio(*folded, self._waveform)
         noise = ratio_noise(folded, (first["noise"][rows], second["noise"][others]), ratio)
-        return common, ratio, noise, first["saturated"][rows]
+        return common, ratio, noise, first["saturated"][rows] | second["saturated"][others]
 
     def _take(self, each: int, until: int) -> dict[str, Array]:
         held = self._held[each]
@@ -301,16 +318,18 @@ class _Recorded:
         while not len(groups) and not ended:
             found, ended = self._next()
             for kernel in self.kernels.values():
-                self._slips.add(kernel.misplaced())
+                self._slips.add(kernel.misplaced(), kernel.retuned())
             groups = Groups.concatenate([self._held, found])
             newest = groups.index.max(initial=0) - self._slips.unsure * (not ended)
             sure = int(groups.index.searchsorted(newest, "right"))
             groups, self._held = groups[:sure], groups[sure:]
             marks = [self._slips.mark(group) for group in groups.index.tolist()]
-            kept = {row: mark[0] for row, mark in enumerate(marks) if mark is not None}
+            kept = {row: mark for row, mark in enumerate(marks) if mark is not None}
             if len(kept) < len(marks):
                 groups = groups[np.array(list(kept), int)]
-            groups.slipped |= np.array(list(kept.values()), bool)
+            for row, (slipped, retuned) in enumerate(kept.values()):
+                groups.slipped[row] |= slipped
+                groups.retuned[row] |= retuned
         return groups
 
 

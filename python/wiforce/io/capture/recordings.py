@@ -31,6 +31,7 @@ class Segment(NamedTuple):
     file_sample: int  # its first sample, counted from the beginning of the file
     global_index: int  # the same sample on the device's count, which goes on during gaps
     length: int
+    retuned: bool = False  # the device was retuned or opened again before it
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Capture:
     datatype: str  # ``ci16_le`` or ``cf32_le``
     sample_rate_hz: float | None
     center_frequency_hz: float | None
-    segments: tuple[Segment, ...]  # in order of time; a gap lies between two of them
+    segments: tuple[Segment, ...]  # in order of time; a gap or a retuning lies between two of them
     # That the metadata hold (``wiforce:scene``), unchecked.
     scene: Any = field(default=None, repr=False, compare=False)
     # Of the data file as the metadata state it (``core:sha512``), not verified.
@@ -53,6 +54,12 @@ class Capture:
     def samples(self) -> int:
         """Number of samples in the file."""
         return sum(segment.length for segment in self.segments)
+
+    @property
+    def gaps(self) -> int:
+        """Number of places where samples were lost."""
+        ends = [segment.global_index + segment.length for segment in self.segments]
+        return sum(end < of.global_index for end, of in zip(ends, self.segments[1:], strict=False))
 
     @property
     def cut_bytes(self) -> int:
@@ -211,11 +218,12 @@ def _positive(meta: Path, name: str, value: Any) -> float:
 
 
 def _segments(meta: Path, captures: Sequence[Mapping[str, Any]], total: int) -> tuple[Segment, ...]:
-    """Runs of samples between gaps; contiguous captures are merged."""
+    """Runs of samples between gaps and retunings; other contiguous captures are merged."""
     captures = captures or [{"core:sample_start": 0}]
     starts = [capture["core:sample_start"] for capture in captures]
     ends = [*starts[1:], max(total, starts[-1])]
     segments: list[Segment] = []
+    retuned = False  # since the last segment
     for capture, start, end in zip(captures, starts, ends, strict=True):
         _check_stated(meta, capture, "core:header_bytes", 0)
         last = segments[-1] if segments else Segment(start, start, 0)
@@ -223,6 +231,7 @@ def _segments(meta: Path, captures: Sequence[Mapping[str, Any]], total: int) -> 
         index = capture.get("core:global_index", expected)
         # A truncated file keeps the captures that it still holds.
         length = min(end, total) - start
+        retuned |= capture.get("wiforce:retuned", False)
         if length <= 0:
             continue
         lost = index - (last.global_index + last.length)
@@ -230,10 +239,11 @@ def _segments(meta: Path, captures: Sequence[Mapping[str, Any]], total: int) -> 
             raise InputError(meta, "core:global_index must not decrease", index)
         if segments and lost > _MOST_LOST:
             raise InputError(meta, "core:global_index must not jump by over 2^40 samples", index)
-        if segments and lost == 0:
+        if segments and lost == 0 and not retuned:
             segments[-1] = last._replace(length=last.length + length)
         else:
-            segments.append(Segment(start, index, length))
+            segments.append(Segment(start, index, length, retuned))
+        retuned = False
     if not segments:
         raise InputError(meta, "no capture lies inside the data file", total)
     return tuple(segments)

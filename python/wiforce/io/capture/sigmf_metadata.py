@@ -44,6 +44,7 @@ _CAPTURE = {
     "core:frequency": _Rule("number", -_LARGEST),
     "core:global_index": _COUNT,
     "core:header_bytes": _COUNT,
+    "wiforce:retuned": _Rule("boolean"),
 }
 _TYPES: dict[str, tuple[type, ...]] = {
     "string": (str,),
@@ -51,6 +52,7 @@ _TYPES: dict[str, tuple[type, ...]] = {
     "number": (int, float),
     "object": (dict,),
     "array": (list,),
+    "boolean": (bool,),
 }
 
 
@@ -101,7 +103,8 @@ def _check_object(
 
 def _check_value(path: Path, where: str, value: Any, rule: _Rule) -> None:
     # To Python, true and false are integers.
-    valid = isinstance(value, _TYPES[rule.kind]) and not isinstance(value, bool)
+    valid = isinstance(value, _TYPES[rule.kind])
+    valid &= isinstance(value, bool) == (rule.kind == "boolean")
     asked = f"of type '{rule.kind}'"
     if valid and rule.kind in ("integer", "number"):
         # NaN, which JSON does not have but Python reads, is outside of every range.
