@@ -327,10 +327,11 @@ void press_filter::part_turn(explanation& to,
     const double determinant = a * b - ab * ab;
     const double turned = by_turn * ((b - ab) * first + (a - ab) * second) / determinant,
                  doubt = by_turn - squared(by_turn) * (a + b - 2 * ab) / determinant;
+    const double lasts_s =
+        std::min(duration_s(to.turn.speed), duration_s(to.press.speed));
     to.line.common.turn(expected + turned);
-    to.line.common.widen(std::max(doubt, 0.0) *
-                         std::max(d_set.steady_s / d_elapsed_s, 1.0));
-    to.turn.velocity += (1 - going_on()) * turned / d_elapsed_s;
+    to.line.common.widen(std::max(doubt, 0.0) * std::max(lasts_s / d_elapsed_s, 1.0));
+    to.turn.velocity += (1 - std::exp(-d_elapsed_s / lasts_s)) * turned / d_elapsed_s;
 }
 
 // For a part of the group, in which the press changes: as before, or to rest.

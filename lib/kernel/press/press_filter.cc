@@ -247,8 +247,9 @@ void press_filter::with_courses(const explanation& from,
         event(other, probability * share);
     };
     if (from.turn.goes_on) {
-        course(going_on(), [&](explanation& other) { turn_unseen(other, 1); });
-        course(1 - going_on(), [&](explanation& other) {
+        const double goes_on = going_on(from.turn.speed);
+        course(goes_on, [&](explanation& other) { turn_unseen(other, 1); });
+        course(1 - goes_on, [&](explanation& other) {
             turn_unseen(other, 0.5);
             other.turn.goes_on = false;
         });
@@ -274,7 +275,7 @@ void press_filter::branch_untouched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1 - d_group.untouched, d_set);
     const double turns = turn_probability(from), moves = move_probability(from),
-                 hands = hand_probability(from), goes_on = going_on(),
+                 hands = hand_probability(from), goes_on = going_on(from.turn.speed),
                  between = between_groups();
     const double sudden = may.all + turns + moves, quiet = std::max(1 - sudden, 1e-3);
     if (from.turn.goes_on) {
@@ -298,38 +299,40 @@ void press_filter::branch_touched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1, d_set);
     const double turns = turn_probability(from), moves = move_probability(from),
-                 hands = hand_probability(from), goes_on = going_on(),
-                 between = between_groups();
+                 hands = hand_probability(from), turns_on = going_on(from.turn.speed),
+                 changes_on = going_on(from.press.speed), between = between_groups();
     const double sudden = may.all - may.steadily + turns + 2 * moves;
     const double quiet = std::max(1 - sudden, 1e-3);
     const double begins = may.steadily / std::max(quiet, may.steadily);
     if (from.turn.goes_on && from.press.steady) {
         // Both go on, or one of them ends, or both.
-        const double ends = quiet * goes_on * (1 - goes_on);
         change_steadily(
-            from, quiet * squared(goes_on), from.press.slides, from.press.speed);
+            from, quiet * turns_on * changes_on, from.press.slides, from.press.speed);
         auto resting = from, held = from;
         resting.turn.goes_on = false;
         resting.press.motion.push(-from.turn.velocity);
-        change_steadily(resting, ends, from.press.slides, from.press.speed);
+        change_steadily(resting,
+                        quiet * (1 - turns_on) * changes_on,
+                        from.press.slides,
+                        from.press.speed);
         held.press.steady = false;
         held.press.motion.move(from.turn.velocity);
-        turn_slowly(held, ends, course::goes_on);
+        turn_slowly(held, quiet * turns_on * (1 - changes_on), course::goes_on);
         auto both = from;
         turn_unseen(both, 0.5);
         both.turn.goes_on = false;
-        stop_changing(both, quiet * squared(1 - goes_on));
+        stop_changing(both, quiet * (1 - turns_on) * (1 - changes_on));
     } else if (from.turn.goes_on) {
-        turn_slowly(from, quiet * goes_on * (1 - begins), course::goes_on);
-        turn_slowly(from, quiet * (1 - goes_on), course::ends);
-        begin_changing(from, quiet * goes_on * begins);
+        turn_slowly(from, quiet * turns_on * (1 - begins), course::goes_on);
+        turn_slowly(from, quiet * (1 - turns_on), course::ends);
+        begin_changing(from, quiet * turns_on * begins);
     } else if (from.press.steady) {
         change_steadily(from,
-                        quiet * goes_on * (1 - turns - hands),
+                        quiet * changes_on * (1 - turns - hands),
                         from.press.slides,
                         from.press.speed);
-        begin_turning(from, quiet * goes_on * turns, quiet * goes_on * hands);
-        stop_changing(from, quiet * (1 - goes_on));
+        begin_turning(from, quiet * changes_on * turns, quiet * changes_on * hands);
+        stop_changing(from, quiet * (1 - changes_on));
     } else {
         const double rests = quiet * (1 - begins);
         hold(from, rests * (1 - turns - hands));
@@ -485,7 +488,16 @@ double press_filter::sudden_turn_variance() const
     return squared(d_set.turn_deg * deg);
 }
 
-double press_filter::going_on() const { return std::exp(-d_elapsed_s / d_set.steady_s); }
+// Mean time that what changes at one of the speeds goes on.
+double press_filter::duration_s(std::size_t speed) const
+{
+    return d_set.steady_deg * deg / speeds[speed];
+}
+
+double press_filter::going_on(std::size_t speed) const
+{
+    return std::exp(-d_elapsed_s / duration_s(speed));
+}
 
 // ---- keeping the likely ones
 
@@ -587,7 +599,8 @@ double press_filter::loss_of_merging(const explanation& a,
                    u = a.press.motion.variances(), v = b.press.motion.variances();
         compare(wrapped(y[0] - x[0]), u[0], v[0], d_common_noise);
         compare(wrapped(y[1] - x[1]), u[1], v[1], d_difference_noise);
-        const double lasts2 = squared(d_set.steady_s);
+        const double lasts2 =
+            squared(duration_s(a.press.steady ? a.press.speed : a.turn.speed));
         compare(y[2] - x[2], u[2], v[2], d_common_noise / lasts2);
         compare(y[3] - x[3], u[3], v[3], d_difference_noise / lasts2);
         compare_amplitudes(a.press.strength, b.press.strength);

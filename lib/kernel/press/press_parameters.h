@@ -17,9 +17,9 @@ struct press_parameters {
     double exchange = 0.1;   // becomes another one at once (the rest changes steadily),
     double unexplained =
         0.02; // or a contact that the model does not contain; of all changes
-    double change_s = 0.03; // mean time that a sudden change takes
-    double steady_s = 0.5;  // mean time that a steady change, or a turning tag, goes on
-    double turns = 3e-4;    // 1/s: turns of the tag or an antenna, until they are learned
+    double change_s = 0.03;   // mean time that a sudden change takes
+    double steady_deg = 25.0; // by how much a steady change, or a turning tag, goes on
+    double turns = 3e-4; // 1/s: turns of the tag or an antenna, until they are learned
     double turns_per_s = -1.0; // stated rate of turns; negative to learn it
     double expected_s =
         10.0; // s: time that expected rates are worth, where they are learned

@@ -173,7 +173,7 @@ void bind_press(py::module& m)
                          exchange,
                          unexplained,
                          change_s,
-                         steady_s,
+                         steady_deg,
                          turns,
                          turns_per_s,
                          expected_s,
