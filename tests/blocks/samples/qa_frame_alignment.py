@@ -9,7 +9,7 @@ import pmt
 import pytest
 from device_times import rx_time, tag_at
 from gnuradio import blocks, wiforce
-from gnuradio.wiforce.blocks.captures import capture_stream
+from gnuradio.wiforce.blocks.sample_files import capture_stream
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.estimation.capture.frame import MARGIN, measure_levels
 from gnuradio.wiforce.io.capture import Segment, open_capture
