@@ -307,7 +307,7 @@ void press_filter::turn_and_change(const explanation& from,
 
 // While the tag turns and the force changes: both phases are moved by the turn alike, and
 // by the force in the direction of the press. In the middle of the line that is the same;
-// an error of this division lasts for as long as both do.
+// an error of this division lasts for as long as the turn.
 void press_filter::part_turn(explanation& to,
                              const pair_of_ends& was,
                              const pair_of_ends& direction,
@@ -327,11 +327,10 @@ void press_filter::part_turn(explanation& to,
     const double determinant = a * b - ab * ab;
     const double turned = by_turn * ((b - ab) * first + (a - ab) * second) / determinant,
                  doubt = by_turn - squared(by_turn) * (a + b - 2 * ab) / determinant;
-    const double lasts_s =
-        std::min(duration_s(to.turn.speed), duration_s(to.press.speed));
     to.line.common.turn(expected + turned);
-    to.line.common.widen(std::max(doubt, 0.0) * std::max(lasts_s / d_elapsed_s, 1.0));
-    to.turn.velocity += (1 - std::exp(-d_elapsed_s / lasts_s)) * turned / d_elapsed_s;
+    to.line.common.widen(std::max(doubt, 0.0) *
+                         std::max(duration_s(to.turn.speed) / d_elapsed_s, 1.0));
+    to.turn.velocity += (1 - going_on(to.turn.speed)) * turned / d_elapsed_s;
 }
 
 // For a part of the group, in which the press changes: as before, or to rest.
