@@ -329,8 +329,8 @@ void press_filter::part_turn(explanation& to,
                  doubt = by_turn - squared(by_turn) * (a + b - 2 * ab) / determinant;
     to.line.common.turn(expected + turned);
     to.line.common.widen(std::max(doubt, 0.0) *
-                         std::max(duration_s(to.turn.speed) / d_elapsed_s, 1.0));
-    to.turn.velocity += (1 - going_on(to.turn.speed)) * turned / d_elapsed_s;
+                         std::max(d_set.steady_s / d_elapsed_s, 1.0));
+    to.turn.velocity += (1 - going_on()) * turned / d_elapsed_s;
 }
 
 // For a part of the group, in which the press changes: as before, or to rest.

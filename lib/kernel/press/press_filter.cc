@@ -247,7 +247,7 @@ void press_filter::with_courses(const explanation& from,
         event(other, probability * share);
     };
     if (from.turn.goes_on) {
-        const double goes_on = going_on(from.turn.speed);
+        const double goes_on = going_on();
         course(goes_on, [&](explanation& other) { turn_unseen(other, 1); });
         course(1 - goes_on, [&](explanation& other) {
             turn_unseen(other, 0.5);
@@ -275,7 +275,7 @@ void press_filter::branch_untouched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1 - d_group.untouched, d_set);
     const double turns = turn_probability(from), moves = move_probability(from),
-                 hands = hand_probability(from), goes_on = going_on(from.turn.speed),
+                 hands = hand_probability(from), goes_on = going_on(),
                  between = between_groups();
     const double sudden = may.all + turns + moves, quiet = std::max(1 - sudden, 1e-3);
     if (from.turn.goes_on) {
@@ -299,8 +299,9 @@ void press_filter::branch_touched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1, d_set);
     const double turns = turn_probability(from), moves = move_probability(from),
-                 hands = hand_probability(from), turns_on = going_on(from.turn.speed),
-                 changes_on = going_on(from.press.speed), between = between_groups();
+                 hands = hand_probability(from), turns_on = going_on(),
+                 changes_on = std::exp(-d_elapsed_s / duration_s(from.press.speed)),
+                 between = between_groups();
     const double sudden = may.all - may.steadily + turns + 2 * moves;
     const double quiet = std::max(1 - sudden, 1e-3);
     const double begins = may.steadily / std::max(quiet, may.steadily);
@@ -488,16 +489,13 @@ double press_filter::sudden_turn_variance() const
     return squared(d_set.turn_deg * deg);
 }
 
-// Mean time that what changes at one of the speeds goes on.
+// Mean time that a press that changes at one of the speeds goes on.
 double press_filter::duration_s(std::size_t speed) const
 {
     return d_set.steady_deg * deg / speeds[speed];
 }
 
-double press_filter::going_on(std::size_t speed) const
-{
-    return std::exp(-d_elapsed_s / duration_s(speed));
-}
+double press_filter::going_on() const { return std::exp(-d_elapsed_s / d_set.steady_s); }
 
 // ---- keeping the likely ones
 
@@ -600,7 +598,7 @@ double press_filter::loss_of_merging(const explanation& a,
         compare(wrapped(y[0] - x[0]), u[0], v[0], d_common_noise);
         compare(wrapped(y[1] - x[1]), u[1], v[1], d_difference_noise);
         const double lasts2 =
-            squared(duration_s(a.press.steady ? a.press.speed : a.turn.speed));
+            squared(a.press.steady ? duration_s(a.press.speed) : d_set.steady_s);
         compare(y[2] - x[2], u[2], v[2], d_common_noise / lasts2);
         compare(y[3] - x[3], u[3], v[3], d_difference_noise / lasts2);
         compare_amplitudes(a.press.strength, b.press.strength);

@@ -79,8 +79,8 @@ private:
     double turn_probability(const explanation& of) const;
     double hand_probability(const explanation& of) const;
     double sudden_turn_variance() const;
+    double going_on() const;
     double duration_s(std::size_t speed) const;
-    double going_on(std::size_t speed) const;
     double lasting() const;
     double between_groups() const;
     void settle();

@@ -174,6 +174,7 @@ void bind_press(py::module& m)
                          unexplained,
                          change_s,
                          steady_deg,
+                         steady_s,
                          turns,
                          turns_per_s,
                          expected_s,
