@@ -330,7 +330,7 @@ void press_filter::part_turn(explanation& to,
     to.line.common.turn(expected + turned);
     to.line.common.widen(std::max(doubt, 0.0) *
                          std::max(d_set.steady_s / d_elapsed_s, 1.0));
-    to.turn.velocity += (1 - going_on()) * turned / d_elapsed_s;
+    to.turn.velocity += (1 - going_on(d_set.steady_s)) * turned / d_elapsed_s;
 }
 
 // For a part of the group, in which the press changes: as before, or to rest.

@@ -247,7 +247,7 @@ void press_filter::with_courses(const explanation& from,
         event(other, probability * share);
     };
     if (from.turn.goes_on) {
-        const double goes_on = going_on();
+        const double goes_on = going_on(d_set.steady_s);
         course(goes_on, [&](explanation& other) { turn_unseen(other, 1); });
         course(1 - goes_on, [&](explanation& other) {
             turn_unseen(other, 0.5);
@@ -275,7 +275,7 @@ void press_filter::branch_untouched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1 - d_group.untouched, d_set);
     const double turns = turn_probability(from), moves = move_probability(from),
-                 hands = hand_probability(from), goes_on = going_on(),
+                 hands = hand_probability(from), goes_on = going_on(d_set.steady_s),
                  between = between_groups();
     const double sudden = may.all + turns + moves, quiet = std::max(1 - sudden, 1e-3);
     if (from.turn.goes_on) {
@@ -299,8 +299,9 @@ void press_filter::branch_touched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1, d_set);
     const double turns = turn_probability(from), moves = move_probability(from),
-                 hands = hand_probability(from), turns_on = going_on(),
-                 changes_on = std::exp(-d_elapsed_s / duration_s(from.press.speed)),
+                 hands = hand_probability(from), turns_on = going_on(d_set.steady_s),
+                 changes_on =
+                     from.press.steady ? going_on(duration_s(from.press.speed)) : 0,
                  between = between_groups();
     const double sudden = may.all - may.steadily + turns + 2 * moves;
     const double quiet = std::max(1 - sudden, 1e-3);
@@ -495,7 +496,11 @@ double press_filter::duration_s(std::size_t speed) const
     return d_set.steady_deg * deg / speeds[speed];
 }
 
-double press_filter::going_on() const { return std::exp(-d_elapsed_s / d_set.steady_s); }
+// That what goes on for this time on average does so through the group.
+double press_filter::going_on(double mean_s) const
+{
+    return std::exp(-d_elapsed_s / mean_s);
+}
 
 // ---- keeping the likely ones
 

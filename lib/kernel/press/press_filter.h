@@ -79,7 +79,7 @@ private:
     double turn_probability(const explanation& of) const;
     double hand_probability(const explanation& of) const;
     double sudden_turn_variance() const;
-    double going_on() const;
+    double going_on(double mean_s) const;
     double duration_s(std::size_t speed) const;
     double lasting() const;
     double between_groups() const;
