@@ -26,7 +26,7 @@ from ..scene import Scene, load_scene
 from ..wiforce_python import recording_source, rx_time_value
 from . import names
 from .argument_types import Kept, typed
-from .stream_watch import DeviceSettings, Timeline, time_value
+from .stream_watch import DeviceSettings, Timeline, between_tags, time_value
 
 
 @typed
@@ -213,7 +213,8 @@ class sample_keeper(Kept, gr.sync_block):
         return len(items)
 
 
-# A device's clock this near to the host's is UTC; without being set, it counts from its start.
+# A device's clock this near to the host's is UTC; one that was not set counts from its start and
+# is decades off, so that half and twice as much decide alike.
 _UTC_WITHIN_S = 1800.0
 
 
@@ -372,18 +373,15 @@ class sigmf_recorder(Kept, gr.sync_block):
         """Record items as their tags say, each run behind its entry of the metadata."""
         if not self._passed:
             self._note_first(len(items))
-        tags = sorted(self.get_tags_in_window(0, 0, len(items)), key=lambda tag: tag.offset)
-        first, begin = self.nitems_read(0), 0
-        for tag in tags:
-            end = tag.offset - first
-            self._record(file, items[begin:end])
-            begin = end
+        for part, tag in between_tags(self, items):
+            self._record(file, part)
+            if tag is None:
+                break
             if pmt.eq(tag.key, _RX_TIME):
                 if self._timeline.note(self._passed, tag.value):
                     self._begins, self._resumes = True, False
             elif self._settings.note(tag):
                 self._begins = self._retuned = True
-        self._record(file, items[begin:])
 
     def _record(self, file: FileIO, items: Array) -> None:
         """Record items that follow each other, unless they have another rate or carrier."""

@@ -13,7 +13,7 @@ from . import names
 from .argument_types import Kept, typed
 from .group_block import NoiseTags, noise_value
 from .rules import WaveformOrScene, frames_of
-from .stream_watch import DeviceSettings, Timeline
+from .stream_watch import DeviceSettings, Timeline, between_tags
 
 _NOISE = pmt.intern(names.NOISE)
 # What is true of the ratio where it is true of either antenna.
@@ -94,11 +94,10 @@ class antenna_ratio(Kept, gr.sync_block):
         for port in range(2):
             for tag in self.get_tags_in_window(port, 0, count):
                 key, item = str(tag.key), tag.offset - self.nitems_read(port)
-                known = (item, key) in sent or key not in _OF_EITHER
-                if key == names.NOISE or port == 1 and known and key != names.SLIPPED:
-                    continue
-                sent.add((item, key))
-                self.add_item_tag(0, self.nitems_written(0) + item, tag.key, tag.value)
+                new = key in _OF_EITHER and (item, key) not in sent
+                if key != names.NOISE and (port == 0 or new or key == names.SLIPPED):
+                    sent.add((item, key))
+                    self.add_item_tag(0, self.nitems_written(0) + item, tag.key, tag.value)
 
     def _noise_of(self, port: int, count: int) -> Array:
         """Noise of the items at hand, by the tags of an input; shape (count, 2)."""
@@ -170,12 +169,10 @@ class free_fold(Kept, gr.basic_block):
         return self._put_out(output_items)
 
     def _take(self, items: Array) -> None:
-        first, begin = self.nitems_read(0), 0
-        tags = sorted(self.get_tags_in_window(0, 0, len(items)), key=lambda tag: tag.offset)
-        for tag in tags:
-            end = tag.offset - first
-            self._take_part(items[begin:end])
-            begin = end
+        for part, tag in between_tags(self, items):
+            self._take_part(part)
+            if tag is None:
+                break
             if self._settings.note(tag):
                 self._lose(0, items)  # no frame has samples from both sides of it
                 self._retuned = True
@@ -184,7 +181,6 @@ class free_fold(Kept, gr.basic_block):
             if lost := self._timeline.note(tag.offset, tag.value):
                 self._lose(lost, items)
                 self._gaps += 1
-        self._take_part(items[begin:])
 
     def _take_part(self, items: Array) -> None:
         if self._settings.usable:

@@ -4,7 +4,7 @@
 import math
 import threading
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import pmt
@@ -17,6 +17,7 @@ from ..estimation.capture.recorded_frames import (
     level_problem,
     snapshots_problem,
 )
+from ..estimation.groups import Array
 from ..io.readings import Reading
 from ..planning.findings import wrong_clock, wrong_clocks
 from ..planning.plan import Plan
@@ -55,6 +56,19 @@ class Timeline:
     def time_at(self, offset: int) -> tuple[int, float] | None:
         """Device time (whole seconds, fraction) of an item not before the last tag, or None."""
         return self._timeline.time_at(offset)
+
+
+def between_tags(block: Any, items: Array) -> Iterator[tuple[Array, Any]]:
+    """The items of a block's first input up to each of its tags, with the tag.
+
+    The last have none.
+    """
+    first, begin = block.nitems_read(0), 0
+    tags = block.get_tags_in_window(0, 0, len(items))
+    for tag in sorted(tags, key=lambda tag: tag.offset):
+        yield items[begin : tag.offset - first], tag
+        begin = tag.offset - first
+    yield items[begin:], None
 
 
 class DeviceSettings:
