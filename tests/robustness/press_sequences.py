@@ -39,6 +39,7 @@ FAMILIES = {
     "warm": ("warm",),
     "off states alike": ("turned touches", "off states alike"),
     "loss": ("loss",),
+    "weaker end": ("weaker end",),
 }
 
 
@@ -148,8 +149,10 @@ class Sequence:
     received : ndarray of bool, shape (G,)
     tares : list of (int, bool)
         Groups before which a tare is asked for, and whether it is forced.
+    strengths : ndarray, shape (2,)
+        Amplitudes of both untouched ends.
     noise_deg : float
-        Standard deviation of arg R of an untouched end.
+        Standard deviation of arg R of an untouched end of strength 1.
     """
 
     truth = wiforce.load_sensor("line-900mhz")
@@ -182,6 +185,9 @@ class Sequence:
             tares = _moments(rng, 0.15, self._end)
             self.tares = [(int(at / self.period_s), bool(rng.random() < 0.4)) for at in tares]
         self.noise_deg = log_uniform(rng, 0.03, 0.2) * np.sqrt(625 / snapshots)
+        self.strengths = np.ones(2)
+        if "weaker end" in effects:
+            self.strengths[rng.choice(2)] = log_uniform(rng, 0.15, 0.7)
 
     def set_time(self, duration_s):
         """Divide the time into groups, and these into points."""

@@ -63,6 +63,7 @@ def _separated(sequence, plan):
     k = plan.waveform.subcarriers
     delays = np.linspace(0.02, 0.06, 2 * len(sequence.tags))
     channel = np.exp(-2j * np.pi * np.outer(delays, k / 5.12))
+    channel *= np.tile(sequence.strengths, len(sequence.tags))[:, None]
     gain = np.exp(sequence.receiver)
     ends = np.concatenate(
         [(tag.ratios * gain[..., None]).mean(axis=1) for tag in sequence.tags], axis=1
@@ -136,6 +137,7 @@ class _Snapshots:
         k = waveform.subcarriers
         delays = np.linspace(0.02, 0.06, 2 * len(sequence.tags))
         self._channel = np.exp(-2j * np.pi * np.outer(delays, k / 5.12))
+        self._channel *= np.tile(sequence.strengths, len(sequence.tags))[:, None]
         line = np.sin(np.pi / 4) / np.pi  # first line of pulses a quarter of the clock long
         self._static = line * 10 ** (_STATIC_DB / 20) * np.exp(-0.03j * k)
         # The mean over a group of N snapshots and all subcarriers has the noise that is asked for.

@@ -84,12 +84,20 @@ phase_covariance drifting_phases::walk(double seconds) const
     return of_ends(variance(common.usual_rate()), variance(difference.usual_rate()));
 }
 
-// Mean and difference of phases, nearest to those of the line.
-pair_of_ends drifting_phases::beside(const pair_of_ends& phase) const
+// Mean and difference of phases, nearest to those of the line, with their noise. That of
+// the mean is what is left where the difference says a part of it.
+drifting_phases::seen_phases drifting_phases::beside(const pair_of_ends& phase,
+                                                     const phase_covariance& noise) const
 {
-    const double mean = difference.estimate().mean,
-                 apart = mean + wrapped(phase[0] - phase[1] - mean);
-    return { phase[1] + apart / 2, apart };
+    const auto was = difference.estimate();
+    const double off = wrapped(phase[0] - phase[1] - was.mean),
+                 difference_noise = of_difference(noise),
+                 both = (noise.first - noise.second) / 2,
+                 share = both / (was.variance + difference_noise);
+    return { phase[1] + (was.mean + off) / 2 - share * off,
+             of_mean(noise) - share * both,
+             was.mean + off,
+             difference_noise };
 }
 
 double drifting_phases::update(const pair_of_ends& phase,
@@ -97,12 +105,14 @@ double drifting_phases::update(const pair_of_ends& phase,
                                double memory,
                                double lowest)
 {
-    const auto [mean, apart] = beside(phase);
-    const double most = log_normal(0, of_difference(noise)),
-                 likelihood = common.update(mean, of_mean(noise), memory, lowest - most);
+    const auto seen = beside(phase, noise);
+    const double most = log_normal(0, seen.difference_noise),
+                 likelihood =
+                     common.update(seen.mean, seen.mean_noise, memory, lowest - most);
     return likelihood < lowest - most
                ? lowest
-               : likelihood + difference.update(apart, of_difference(noise), memory);
+               : likelihood +
+                     difference.update(seen.difference, seen.difference_noise, memory);
 }
 
 double drifting_phases::carry(drifting_phases& line,
@@ -110,9 +120,10 @@ double drifting_phases::carry(drifting_phases& line,
                               const phase_covariance& noise,
                               double memory)
 {
-    const auto [mean, apart] = beside(phase);
-    return common.carry(line.common, mean, of_mean(noise), memory) +
-           difference.carry(line.difference, apart, of_difference(noise), memory);
+    const auto seen = beside(phase, noise);
+    return common.carry(line.common, seen.mean, seen.mean_noise, memory) +
+           difference.carry(
+               line.difference, seen.difference, seen.difference_noise, memory);
 }
 
 void drifting_phases::merge(const drifting_phases& other, double share)

@@ -79,7 +79,10 @@ struct drifting_phases {
     void merge(const drifting_phases& other, double share);
 
 private:
-    pair_of_ends beside(const pair_of_ends& phase) const;
+    struct seen_phases {
+        double mean, mean_noise, difference, difference_noise;
+    };
+    seen_phases beside(const pair_of_ends& phase, const phase_covariance& noise) const;
 };
 
 //! Mean and difference of the logarithms of both amplitudes, Np.
