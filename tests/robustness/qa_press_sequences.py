@@ -74,6 +74,8 @@ ONCE_WRONG = [
     # A turn that slows, and one that begins while a press slides, were taken for force.
     ("off states in error", 40, 625, 0),
     ("off states in error", 94, 625, 0),
+    # Of a held press a turning tag seemed to predict noise that differs between the ends better.
+    ("off states in error", 15, 125, 1200),
     # Another press while the tag turns by 29 degrees; one that rises in part of a group.
     ("off states", 155, 625, 300),
     ("drift", 181, 625, 300),
@@ -86,6 +88,9 @@ ONCE_WRONG = [
     # A line that is doubted reads no press confidently, nor does one that a finger warms.
     ("brownouts", 49, 2500, 20),
     ("warm", 54, 2500, 20),
+    # A finger that warms the line for seconds was taken for a force that creeps.
+    ("warm", 121, 625, 200),
+    ("warm", 159, 625, 200),
 ]
 
 

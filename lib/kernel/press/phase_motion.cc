@@ -42,14 +42,14 @@ void phase_motion::widen(const phase_covariance& by)
     d_covariance[1][0] += by.both;
 }
 
-void phase_motion::move(double velocity)
+void phase_motion::move(double velocity, double deviation)
 {
     for (int i = 2; i < 4; i++) {
         d_state[i] = velocity;
         for (int j = 0; j < 2; j++)
             d_covariance[i][j] = d_covariance[j][i] = 0;
         for (int j = 2; j < 4; j++)
-            d_covariance[i][j] = velocity * velocity / 4;
+            d_covariance[i][j] = deviation * deviation;
     }
 }
 

@@ -49,8 +49,8 @@ public:
     //! Both phases turn, by this on average.
     void turn(double by) { turn({ by, by }); }
     void widen(const phase_covariance& by);
-    //! Both phases turn, at this velocity within its half.
-    void move(double velocity);
+    //! Both phases turn, at this velocity with this deviation.
+    void move(double velocity, double deviation);
     //! Both velocities change by this.
     void push(double by) { d_state[2] += by, d_state[3] += by; }
     void widen_velocity(const phase_covariance& by);

@@ -46,13 +46,13 @@ void press_filter::turn_slowly(
     next->press.steady = false;
     next->turn.goes_on = how != course::ends;
     next->turn.by_hand = near;
-    if (from.is != untouched)
+    if (from.is != untouched && speed != warm_speed)
         next->age_s = 0; // as after a change of force, which looks the same at mid-line
-    if (how == course::begins) // warm fingers say nothing of how often the tag turns
+    const bool begins = how == course::begins;
+    if (begins) {
         count_turn(*next, from);
-    const bool begins = how == course::begins || how == course::warms;
-    if (begins)
         begin_turn(*next);
+    }
     const auto was = next->press.motion;
     if (how != course::ends) {
         const double by = squared(turning_speed(speed)) * (begins ? 1 : d_elapsed_s) / 2;
@@ -128,12 +128,15 @@ void press_filter::release(const explanation& from, double probability)
     }
     if (next->turn.goes_on) {
         begin_turn(*next);
-        next->press.motion.move(next->turn.velocity);
+        next->press.motion.move(next->turn.velocity, next->turn.velocity / 2);
     }
     give(*next, likelihood);
 }
 
-void press_filter::touch(const explanation& from, double probability, state is)
+void press_filter::touch(const explanation& from,
+                         double probability,
+                         state is,
+                         bool warms)
 {
     auto* const next = follow(from, probability, d_contact_peak);
     if (!next)
@@ -141,9 +144,17 @@ void press_filter::touch(const explanation& from, double probability, state is)
     next->is = is;
     next->age_s = 0;
     next->turn.goes_on &= is == pressed;
+    if (warms) {
+        next->turn.goes_on = true;
+        next->turn.by_hand = false;
+        next->turn.speed = warm_speed;
+        next->turn.velocity = 0;
+    }
     begin_press(*next);
     if (next->turn.goes_on)
-        next->press.motion.move(next->turn.velocity);
+        next->press.motion.move(next->turn.velocity,
+                                warms ? turn_speeds[warm_speed]
+                                      : next->turn.velocity / 2);
     const double spread = is == pressed ? d_set.contact_np : any_amplitude;
     if (shows_turns(*next)) {
         const double amplitudes = begin_strength(*next, spread);
@@ -154,12 +165,21 @@ void press_filter::touch(const explanation& from, double probability, state is)
     give(*next, may_count(*next, phases) ? phases + find_strength(*next, spread) : lost);
 }
 
+// A finger may warm the line from now on.
+void press_filter::press(const explanation& from, double probability)
+{
+    const bool warms = !from.turn.goes_on && d_set.drift_deg != 0;
+    const double warm = warms ? probability * warming : 0;
+    touch(from, probability - warm, pressed);
+    touch(from, warm, pressed, true);
+}
+
 // Beside a contact that the model does not contain, another one is as likely as a press.
 void press_filter::exchange(const explanation& from, double probability)
 {
     const double other = from.is == unexplained ? probability / 2 : 0;
     touch(from, other, unexplained);
-    touch(from, probability - other, pressed);
+    press(from, probability - other);
 }
 
 // A connector or a line of one end has changed: nobody touches, and the untouched line is
@@ -329,8 +349,8 @@ void press_filter::part_turn(explanation& to,
                  doubt = by_turn - squared(by_turn) * (a + b - 2 * ab) / determinant;
     to.line.common.turn(expected + turned);
     to.line.common.widen(std::max(doubt, 0.0) *
-                         std::max(d_set.steady_s / d_elapsed_s, 1.0));
-    to.turn.velocity += (1 - going_on(d_set.steady_s)) * turned / d_elapsed_s;
+                         std::max(turn_duration_s(to) / d_elapsed_s, 1.0));
+    to.turn.velocity += (1 - going_on(turn_duration_s(to))) * turned / d_elapsed_s;
 }
 
 // For a part of the group, in which the press changes: as before, or to rest.

@@ -56,7 +56,7 @@ private:
 // What decides what comes next: one explanation may stand for two of a kind.
 std::uint64_t kind_of(const explanation& of)
 {
-    static_assert(turning_speeds < 4 && speeds.size() < 8, "three bits each");
+    static_assert(turn_speeds.size() < 8 && speeds.size() < 16, "four bits each");
     const auto& [turn, press, mixture] = std::tie(of.turn, of.press, of.mixture);
     std::uint64_t kind = 0;
     for (std::size_t each : { std::size_t(of.is),
@@ -69,7 +69,7 @@ std::uint64_t kind_of(const explanation& of)
                               std::size_t(press.steady && press.slides),
                               of.is == mixed ? std::size_t(mixture.before) : 0,
                               std::size_t(of.is == mixed && mixture.single) })
-        kind = 8 * kind + each;
+        kind = 16 * kind + each;
     return kind;
 }
 
@@ -247,7 +247,7 @@ void press_filter::with_courses(const explanation& from,
         event(other, probability * share);
     };
     if (from.turn.goes_on) {
-        const double goes_on = going_on(d_set.steady_s);
+        const double goes_on = going_on(turn_duration_s(from));
         course(goes_on, [&](explanation& other) { turn_unseen(other, 1); });
         course(1 - goes_on, [&](explanation& other) {
             turn_unseen(other, 0.5);
@@ -265,8 +265,8 @@ void press_filter::with_courses(const explanation& from,
         other.turn.sudden = true;
         widen(other, sudden_turn_variance(), squared(d_set.turn_np));
     });
-    for (std::size_t i = 0; i < near_speeds; i++)
-        course(hands / near_speeds, [&](explanation& other) {
+    for (std::size_t i = 1; i <= hand_speeds; i++)
+        course(hands / hand_speeds, [&](explanation& other) {
             widen(other, hand_variance(i), hand_variance(i));
         });
 }
@@ -275,8 +275,8 @@ void press_filter::branch_untouched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1 - d_group.untouched, d_set);
     const double turns = turn_probability(from), moves = move_probability(from),
-                 hands = hand_probability(from), goes_on = going_on(d_set.steady_s),
-                 between = between_groups();
+                 hands = hand_probability(from),
+                 goes_on = going_on(turn_duration_s(from)), between = between_groups();
     const double sudden = may.all + turns + moves, quiet = std::max(1 - sudden, 1e-3);
     if (from.turn.goes_on) {
         turn_slowly(from, quiet * goes_on, course::goes_on);
@@ -290,7 +290,7 @@ void press_filter::branch_untouched(const explanation& from)
     move_line(from, between * moves);
     with_courses(
         from, between * may.press, [&](const explanation& tag, double probability) {
-            touch(tag, probability, pressed);
+            press(tag, probability);
         });
     mix(from, (1 - between) * sudden);
 }
@@ -299,7 +299,8 @@ void press_filter::branch_touched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1, d_set);
     const double turns = turn_probability(from), moves = move_probability(from),
-                 hands = hand_probability(from), turns_on = going_on(d_set.steady_s),
+                 hands = hand_probability(from),
+                 turns_on = going_on(turn_duration_s(from)),
                  changes_on =
                      from.press.steady ? going_on(duration_s(from.press.speed)) : 0,
                  between = between_groups();
@@ -318,7 +319,7 @@ void press_filter::branch_touched(const explanation& from)
                         from.press.slides,
                         from.press.speed);
         held.press.steady = false;
-        held.press.motion.move(from.turn.velocity);
+        held.press.motion.move(from.turn.velocity, from.turn.velocity / 2);
         turn_slowly(held, quiet * turns_on * (1 - changes_on), course::goes_on);
         auto both = from;
         turn_unseen(both, 0.5);
@@ -407,24 +408,20 @@ void press_filter::begin_turning(const explanation& from, double turns, double h
         else
             turn_slowly(from, probability, course::begins, speed, near);
     };
-    for (std::size_t i = 0; i < turning_speeds; i++) {
-        begin(turns / turning_speeds, i, false);
-        if (i < near_speeds)
-            begin(hands / near_speeds, i, true);
+    for (std::size_t i = 1; i <= tag_speeds; i++) {
+        begin(turns / tag_speeds, i, false);
+        if (i <= hand_speeds)
+            begin(hands / hand_speeds, i, true);
     }
 }
 
 void press_filter::begin_changing(const explanation& from, double probability)
 {
-    // A finger that warms the line turns both ends as slowly as a force creeps.
-    const bool warms = !from.turn.goes_on && d_set.drift_deg != 0;
-    const double each = probability / (speeds.size() + warms);
+    const double each = probability / speeds.size();
     for (std::size_t i = 0; i < speeds.size(); i++) {
         change_steadily(from, (1 - sliding) * each, false, i);
         change_steadily(from, sliding * each, true, i);
     }
-    if (warms)
-        turn_slowly(from, each, course::warms, 0, false);
 }
 
 // Of what has this rate, that it happens in the time of a group.
@@ -494,6 +491,11 @@ double press_filter::sudden_turn_variance() const
 double press_filter::duration_s(std::size_t speed) const
 {
     return d_set.steady_deg * deg / speeds[speed];
+}
+
+double press_filter::turn_duration_s(const explanation& of) const
+{
+    return of.turn.speed == warm_speed ? warm_s : d_set.steady_s;
 }
 
 // That what goes on for this time on average does so through the group.
@@ -603,7 +605,7 @@ double press_filter::loss_of_merging(const explanation& a,
         compare(wrapped(y[0] - x[0]), u[0], v[0], d_common_noise);
         compare(wrapped(y[1] - x[1]), u[1], v[1], d_difference_noise);
         const double lasts2 =
-            squared(a.press.steady ? duration_s(a.press.speed) : d_set.steady_s);
+            squared(a.press.steady ? duration_s(a.press.speed) : turn_duration_s(a));
         compare(y[2] - x[2], u[2], v[2], d_common_noise / lasts2);
         compare(y[3] - x[3], u[3], v[3], d_difference_noise / lasts2);
         compare_amplitudes(a.press.strength, b.press.strength);

@@ -58,7 +58,7 @@ private:
     // Of any mixture, beside those whose states before and after are known.
     static constexpr double any_share = 0.25;
 
-    enum class course { begins, warms, goes_on, ends }; // warms: begins by a finger
+    enum class course { begins, goes_on, ends };
 
     // press_filter.cc: what may follow, and what is kept of it.
     void start(const press_observation& group);
@@ -81,6 +81,7 @@ private:
     double sudden_turn_variance() const;
     double going_on(double mean_s) const;
     double duration_s(std::size_t speed) const;
+    double turn_duration_s(const explanation& of) const;
     double lasting() const;
     double between_groups() const;
     void settle();
@@ -90,7 +91,8 @@ private:
 
     // press_events.cc: each event adds what follows `from` with this probability.
     void remain_untouched(const explanation& from, double probability);
-    void touch(const explanation& from, double probability, state is);
+    void touch(const explanation& from, double probability, state is, bool warms = false);
+    void press(const explanation& from, double probability);
     void exchange(const explanation& from, double probability);
     void hold(const explanation& from, double probability);
     void change_steadily(const explanation& from,

@@ -212,7 +212,7 @@ double press_filter::find_strength(explanation& to, double spread) const
 // What turns, turns by no more in a group than a sudden turn does.
 double press_filter::turning_speed(std::size_t speed) const
 {
-    return std::min(speeds[speed], d_set.turn_deg * deg / d_elapsed_s);
+    return std::min(turn_speeds[speed], d_set.turn_deg * deg / d_elapsed_s);
 }
 
 // By which a hand that moves at one of the speeds changes amplitudes, as it does phases:
@@ -460,10 +460,9 @@ double press_filter::direction_variance(const explanation& of) const
 press_filter::outcome press_filter::describe(const explanation& of) const
 {
     const auto common = of.line.common.estimate(), apart = of.line.difference.estimate();
-    // The slowest may be a finger that warms the line: the deviation of the force holds
-    // it. What turns an untouched sensor steadily is followed.
-    const bool turns =
-        of.turn.goes_on && of.is != untouched && (of.turn.by_hand || of.turn.speed > 0);
+    // What turns an untouched sensor steadily is followed.
+    const bool turns = of.turn.goes_on && of.is != untouched &&
+                       (of.turn.by_hand || of.turn.speed > slow_turn);
     return { 0,
              0,
              of.is,

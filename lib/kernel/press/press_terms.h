@@ -20,9 +20,15 @@ constexpr double least_weight = 3e-5;
 constexpr double lost = -1e300;
 constexpr double deg = two_pi / 360; // rad
 // Speeds of steady changes, rad/s: a force that creeps, rises, is applied quickly, is a
-// tap. The first three are those of tags, the first two those of hands nearby.
+// tap.
 constexpr std::array<double, 4> speeds{ 5 * deg, 50 * deg, 500 * deg, 3000 * deg };
-constexpr std::size_t turning_speeds = 3, near_speeds = 2;
+// Speeds of turns, rad/s: of a finger that warms the line from its contact on, then of
+// tags, the first two of which are those of hands nearby. What is no faster than
+// `slow_turn` is not named: the deviation of the force holds it.
+constexpr std::array<double, 4> turn_speeds{ 1 * deg, 5 * deg, 50 * deg, 500 * deg };
+constexpr std::size_t warm_speed = 0, slow_turn = 1, tag_speeds = 3, hand_speeds = 2;
+// s: mean time for which a finger warms the line; share of contacts that do.
+constexpr double warm_s = 2.5, warming = 0.2;
 // s: a turn changes its amplitude for so long at least, also in shorter groups.
 constexpr double least_turn_s = 0.05;
 // s: a sudden change that takes no more than this of a group is not seen to be inside it.

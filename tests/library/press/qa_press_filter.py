@@ -265,14 +265,14 @@ def test_force_that_rises_slowly_is_followed_where_both_switches_reflect(off):
 
 @pytest.mark.parametrize("drift_deg, warms", [(-1.0, True), (0.0, False)])
 def test_finger_warms_no_line_that_is_said_to_stay(drift_deg, warms):
-    forces = np.interp(np.arange(300), (70, 75, 110, 180), (0.2, 3.0, 3.0, 5.0))
+    forces = np.interp(np.arange(300), (70, 75, 145), (0.2, 3.0, 4.0))
     phases = np.array([MODEL.phases_deg(each, 40.0) for each in forces]) - MODEL.untouched_deg()
     phases[:70] = 0
     rows = rows_of(phases, noise_deg=0.03, untouched=60)
     found = explained(rows, drift_deg=drift_deg, turns=0.0, hands=0.0)
     here = found[found["row"] > 200]
     turned = np.degrees(np.abs(here["baseline"]).max(axis=1)) > 1
-    assert (here["weight"][turned].sum() > 0.3 * here["weight"].sum()) == warms
+    assert (here["weight"][turned].sum() > 0.03 * here["weight"].sum()) == warms
 
 
 def test_reference_may_be_exchanged_at_any_time():
@@ -338,6 +338,17 @@ def test_press_that_fills_no_group_is_a_mixture(shares):
     mixed = probability(found, found["is"] == MIXED, 59)
     partial = np.add.outer(np.arange(20, 56, 8), np.arange(len(shares))).ravel()
     assert mixed[partial].min() > 0.1, mixed[partial]
+
+
+@pytest.mark.parametrize("noise_deg", [(0.05, 0.16), (0.4, 0.1)])
+def test_press_is_held_where_one_end_is_noisier(noise_deg):
+    """Its mean and difference were compared as if their noise were independent: a turning tag
+    predicted both better."""
+    noise = np.array(noise_deg)
+    rows = rows_of(phases_of(MIDDLE, 60, 300, 0, noise_deg=noise), noise_deg=noise)
+    found = explained(rows)
+    last = found[found["row"] == 350]
+    assert np.degrees(np.sqrt(last["weight"] @ last["common_variance"])) < 0.3
 
 
 def test_line_drifts_by_half_of_what_a_held_press_does_within_the_other_half():
@@ -427,7 +438,7 @@ def test_level_that_falls_in_a_press_and_rises_in_the_next_moves_no_line(step_db
         found, found["is"] == np.where(pressed, PRESSED, UNTOUCHED)[found["row"]], 420
     )
     for first, last in ((70, 108), (115, 155), (165, 215), (225, 265), (275, 315), (330, 400)):
-        assert right[first:last].mean() > 0.65, (first, last)
+        assert right[first:last].mean() > 0.6, (first, last)
 
 
 @pytest.mark.parametrize("noise_deg", [0.03, 0.3])
