@@ -5,7 +5,6 @@ import contextlib
 import multiprocessing
 import os
 import shutil
-import signal
 import socket
 import sys
 import tempfile
@@ -81,7 +80,6 @@ def main() -> None:
     """Serve the page, with the descriptors of the open port and of the connection."""
     from .server import PageServer, serve_until_signal  # with Bokeh, which takes a second
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run ends first, and then the page
     os.nice(_NICENESS)
     port, descriptor = map(int, sys.argv[1:3])
     connection = Connection(descriptor)
@@ -98,9 +96,7 @@ def main() -> None:
 
     try:
         with socket.socket(fileno=port) as listening:
-            serve_until_signal(
-                lambda: PageServer(source, address, listening), ended, (signal.SIGTERM,)
-            )
+            serve_until_signal(lambda: PageServer(source, address, listening), ended, signals=())
     finally:
         # The reader cannot do it when it was killed.
         shutil.rmtree(folder, ignore_errors=True)
