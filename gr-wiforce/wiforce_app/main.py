@@ -12,7 +12,7 @@ import traceback
 import warnings
 
 import click
-from gnuradio.wiforce.errors import InputError, OutputError, printable
+from gnuradio.wiforce.errors import InputError, OutputError
 
 from .shell.commands import LazyGroup
 from .shell.interrupts import (
@@ -248,7 +248,7 @@ def _with_command(error):
 
 
 def _fail(status, message):
-    log.error(" ".join(printable(message).split()))
+    log.error(" ".join(message.split()))
     return status
 
 

@@ -5,7 +5,7 @@ import json
 import subprocess
 import sys
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import zmq
@@ -22,6 +22,8 @@ SLOW = {
     "sounding": {"frame_length": 400},
     "phase_group": {"snapshots": 200},
 }
+# For a reader that ends by itself to say why, when a test has failed by it.
+_LAST_WORDS_S = 10
 SLOW_GROUP_S = 200 * 400 / 2.5e6
 
 
@@ -76,6 +78,10 @@ def live(args, scene, *options, limit=300, before=None):
     timer.start()
     try:
         yield process
+    except Exception:
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(_LAST_WORDS_S)
+        raise
     finally:
         timer.cancel()
         process.kill()

@@ -77,3 +77,10 @@ def test_library_package_has_the_name_of_its_soname():
     assert set(others) == {soname}
     assert (ROOT / f"debian/libgnuradio-wiforce{soname}.install").is_file()
     assert f"`libgnuradio-wiforce{soname}`" in text("docs/install.md")
+
+
+def test_debian_documentation_holds_the_files_beside_docs_that_it_links():
+    """Readers of the installed pages ended at a file that was not there."""
+    pages = "README.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))
+    links = re.findall(r"\]\((?:\.\./)?([A-Z]+\.(?:md|cff))", "".join(map(text, pages)))
+    assert set(links) <= set(text("debian/gr-wiforce-doc.docs").split())

@@ -284,8 +284,8 @@ def _sensor_named(scene, name):
 
 def _measure(session, scene, scale, args, **radio):
     """Run the dialogue with a device; whether it came to its end."""
-    from ..live.live import radio_request, warn_of_oscillators
-    from ..live.radio_keeper import RUNNING, RadioKeeper
+    from ..live.live import radio_request
+    from ..live.radio_keeper import RUNNING, RadioKeeper, warn_of_oscillators
     from ..live.session import LiveSession
     from ..radio.request import DeviceLost
     from ..shell.interrupts import FAILED

@@ -70,7 +70,7 @@ def evaluate():
     """Compare readings with the truth and with the figures of the paper.
 
     paper: score the models on the published wireless trials. SCENE...: simulate, read and score
-    these scenes. all: every shipped scene. See also: gr-wiforce evaluate all --help.
+    these scenes. all: every shipped scene. Options of both: gr-wiforce evaluate all --help.
     """
 
 

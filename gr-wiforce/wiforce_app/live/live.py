@@ -2,17 +2,13 @@
 """``gr-wiforce live``: transmit, receive and read with a radio."""
 
 import secrets
-import signal
-import sys
-import threading
-from contextlib import ExitStack, closing
 from datetime import datetime, timezone
-from functools import partial
 
 import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture.names import recording_stem
-from gnuradio.wiforce.io.files.writers import Rotation, open_writer
+from gnuradio.wiforce.io.files.rotation import Rotation
+from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.network import host_and_port
 from gnuradio.wiforce.io.network.zmq_sockets import (
     ReadingsPublisher,
@@ -25,7 +21,7 @@ from gnuradio.wiforce.scene import accepted_suspicions, load_scene
 
 from ..radio.request import RECEIVE_S, DeviceLost, RadioRequest
 from ..shell.commands import GroupedHelp
-from ..shell.interrupts import BAD_INPUT, FAILED
+from ..shell.interrupts import FAILED
 from ..shell.log import FORMATS, LEVELS, log, rows_on_terminal
 from ..shell.options import (
     FiniteRange,
@@ -37,12 +33,6 @@ from ..shell.options import (
     web_options,
 )
 from ..shell.provenance import provenance
-
-_LOOK_S = 0.1
-# Of samples without frames, before a shorter run ends: a transmitter needs time to start.
-_LEAST_SEARCH_S = 2.0
-# So that a flood of requests does not delay the warnings.
-_REQUESTS_A_LOOK = 100
 
 
 @click.command(
@@ -182,7 +172,7 @@ def live(
         settings = scene.files, also, append, metadata, rotation
         files = [open_writer(path, *settings) for path in outputs or [None]]
         line = not rows_on_terminal(outputs)
-        with Outputs(needs_all=True) as outputs, ExitStack() as held:
+        with Outputs(needs_all=True) as outputs:
             if zmq_endpoint is not None:
                 outputs.add(ReadingsPublisher(zmq_endpoint, keys=keys))
                 if keys is None and not is_loopback(endpoint_of(zmq_endpoint, "--zmq")):
@@ -194,9 +184,21 @@ def live(
             endpoints = [(control, keys)] if control else []
             if web is not None:
                 endpoints.append((_open_page(outputs, web, web_token), None))
-            options = {"tracked": tracked, "recording": record}
-            given = scene, request, outputs, files, run, endpoints, held, duration, reconnect, line
-            return _run(*given, **options)
+            from .run import LiveRun
+
+            return LiveRun(
+                scene=scene,
+                request=request,
+                outputs=outputs,
+                files=files,
+                name=run,
+                endpoints=endpoints,
+                duration_s=duration,
+                reconnects=reconnect,
+                line=line,
+                tracked=tracked,
+                recording=record,
+            ).run()
     except DeviceLost as lost:
         kept = "all readings until then are kept" if outputs.rows else "there are no readings"
         log.error(f"{lost}; {kept}")
@@ -287,111 +289,3 @@ def _check_transmitter(scene, settings):
         if settings["reference"] in (None, "internal"):
             rule = f"{needs}, or one clock for both devices (--reference external)"
             raise InputError("--tx-args", rule, settings["tx_args"])
-
-
-def warn_of_oscillators(link):
-    """Warn of oscillators that do not lock."""
-    for direction in link.unlocked:
-        log.warning(f"the {direction} oscillator does not lock; readings may drift")
-
-
-def _run(
-    scene, request, outputs, files, run, endpoints, held, duration, reconnect, line, **options
-):
-    """The exit status of a session until a signal, a request or `duration`; or DeviceLost."""
-    from ..radio.request import shorten_pauses
-    from .health import Heartbeat, RunHealth, ServiceManager
-    from .monitor import SessionMonitor
-    from .radio_keeper import RadioKeeper
-    from .requests import TareLog, serve_requests
-    from .session import LiveSession
-
-    ending = _Ending()
-
-    def opened(link):
-        outputs.begin()
-        warn_of_oscillators(link)
-        log.debug(f"opened {link.hardware}")
-
-    def on_reading(reading):
-        outputs.write(reading, health.stamp(reading))
-        health.note(reading)
-        monitor.note(reading)
-
-    session = LiveSession(scene, request, on_reading, **options)
-    reader = session.reader
-    keeper = RadioKeeper(request, session, reconnect, on_open=opened)
-    health = RunHealth(run, session, log.info, lambda: keeper.state)
-    monitor = SessionMonitor(session, health, line=line)
-    service = ServiceManager(session, keeper)
-    tares = TareLog(session, log.info)
-    requests = []
-    for endpoint, keys in endpoints:
-        stop = partial(ending.request, "request")
-        replies = serve_requests(endpoint, tares, monitor.status, stop=stop, keys=keys)
-        requests.append(held.enter_context(closing(replies)))
-    for file in files:  # the last: a pipe may wait for its reader
-        outputs.add(file)
-    numbers = signal.SIGINT, signal.SIGTERM
-    before = {number: signal.getsignal(number) for number in numbers}
-
-    def end(number, _):
-        # Asked again, the run does not wait for the radio, but closes its files.
-        signal.signal(number, before[number])
-        ending.request("signal")
-
-    for number in numbers:
-        signal.signal(number, end)
-    shorten_pauses()
-    signal.signal(signal.SIGUSR1, lambda *_: tares.request())
-    try:
-        with Heartbeat(health.report, lambda report: outputs.send("heartbeat", report)):
-            try:
-                while not ending.requested.wait(_LOOK_S) and reader.failure is None:
-                    keeper.look()
-                    monitor.look()
-                    health.look()
-                    service.look()
-                    for each in requests:
-                        each.serve(_REQUESTS_A_LOOK)
-                    if duration and session.time_s >= duration:
-                        ending.request("duration")
-                    elif duration and session.searched_s >= max(duration, _LEAST_SEARCH_S):
-                        found = f"no sounding frames found in {session.searched_s:.1f} s of samples"
-                        raise DeviceLost(found)
-            finally:
-                service.stopping()
-                keeper.stop()
-                session.stop()
-        if reader.failure is not None:
-            raise reader.failure
-    finally:
-        service.close()
-        health.look()
-        monitor.finish()
-        failure = session.recording_failure
-        outputs.send("end", {**health.report(), **ending.report(failure)})
-        if failure is not None:
-            log.error(f"--record: the recording is incomplete ({failure.strerror})")
-    log.info(f"read {monitor.summary()}")
-    return 0 if failure is None else FAILED
-
-
-class _Ending:
-    """The end of a run, and why it ends."""
-
-    def __init__(self):
-        self.requested = threading.Event()
-        self._reason = ""
-
-    def request(self, reason):
-        """End the run; the first reason counts."""
-        self._reason = self._reason or reason
-        self.requested.set()
-
-    def report(self, failure=None):
-        """The end as a message, by the exception that is being raised, or a ``failure``, if any."""
-        error = sys.exc_info()[1] or failure
-        reason = self._reason if error is None else str(error) or type(error).__name__
-        status = BAD_INPUT if isinstance(error, InputError) else FAILED
-        return {"state": "ended", "reason": reason, "exit_status": status if error else 0}

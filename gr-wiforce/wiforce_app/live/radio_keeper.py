@@ -130,3 +130,9 @@ class RadioKeeper:
         else:
             log.debug(f"{reason}; next attempt in {self._pause_s:g} s")
         self._pause_s = min(2 * self._pause_s, _LONGEST_PAUSE_S)
+
+
+def warn_of_oscillators(link: RadioLink) -> None:
+    """Warn of oscillators that do not lock."""
+    for direction in link.unlocked:
+        log.warning(f"the {direction} oscillator does not lock; readings may drift")

@@ -13,7 +13,7 @@ from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.scene.schema import Scene
 
-from ..live.live import radio_request, warn_of_oscillators
+from ..live.live import radio_request
 from ..radio.request import DRIVERS, DeviceLost
 from ..read.recordings import describe_events
 from ..shell.interrupts import FAILED
@@ -107,7 +107,7 @@ def _receive(scene, request):
 
     from gnuradio.wiforce.blocks.sample_files import sample_keeper
 
-    from ..live.radio_keeper import RadioKeeper
+    from ..live.radio_keeper import RadioKeeper, warn_of_oscillators
     from ..live.session import LiveSession
 
     session = LiveSession(scene, request, lambda reading: None)

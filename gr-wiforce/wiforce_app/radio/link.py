@@ -203,8 +203,6 @@ def _exit(samples):
 
 def main():
     """Run with the sockets whose descriptors are the arguments."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
-        signal.signal(number, signal.SIG_IGN)  # meant for the reader, which ends this process
     control, samples = map(int, sys.argv[1:3])
     _run(Connection(control), socket.socket(fileno=samples))
 

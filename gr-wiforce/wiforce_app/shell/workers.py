@@ -19,21 +19,30 @@ from typing import Any
 # For a process that was asked to end: what it removes are files.
 _END_S = 1.0
 _TERMINATED = 128 + signal.SIGTERM
+# Of a terminal or a group of processes, meant for the command, which ends its processes.
+_OF_THE_COMMAND = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1)
 # A worker that disappears may have been killed by another task's need for memory.
 _ATTEMPTS = 3
 
 
 def spawned(module: str, *descriptors: int) -> subprocess.Popen[bytes]:
-    """A process that runs a module of this package, whose arguments are open descriptors."""
+    """A process that runs a module of this package, whose arguments are open descriptors.
+
+    Signals for the command never reach it, even while it starts.
+    """
     packages = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
     environment = {"PYTHONPATH": os.pathsep.join(filter(None, packages)), "PYTHONSAFEPATH": "1"}
-    return subprocess.Popen(
-        [sys.executable, "-m", module, *map(str, descriptors)],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,  # GNU Radio logs there
-        env=os.environ | environment,
-        pass_fds=descriptors,
-    )
+    kept = signal.pthread_sigmask(signal.SIG_BLOCK, _OF_THE_COMMAND)  # which it inherits
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-m", module, *map(str, descriptors)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,  # GNU Radio logs there
+            env=os.environ | environment,
+            pass_fds=descriptors,
+        )
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, kept)
 
 
 def end_within(process: subprocess.Popen[bytes], limit_s: float) -> None:

@@ -5,7 +5,6 @@ import contextlib
 import multiprocessing
 import os
 import shutil
-import signal
 import socket
 import sys
 import tempfile
@@ -21,8 +20,9 @@ from ..shell.workers import end_within, spawned
 from .address import OPTION, PageAddress
 from .sources import ZmqSource
 
-# The process sends viewers the end of the run before it ends itself.
-_CLOSE_S = 3.0
+# The process sends viewers the end of the run before it ends itself. Of a run that ends at once, it
+# has to load Bokeh before: 1.5 s, and several times as long on a small or busy machine.
+_CLOSE_S = 10.0
 
 
 class LivePage(Output):
@@ -58,6 +58,9 @@ class LivePage(Output):
     def send(self, kind: str, report: Mapping[str, Any]) -> None:
         """Publish a report, and warn the user when the process has ended."""
         self._publisher.send(kind, report)
+        if kind == "end":  # also to a process that does not subscribe yet
+            with contextlib.suppress(OSError):
+                self._run.send({"message": kind, **report})
         status = self._process.poll()
         if status is not None and not self._reported:
             self._reported = True
@@ -73,7 +76,7 @@ class LivePage(Output):
 
 # The process, whose module this is as well. Readings come first where processors are short.
 _NICENESS = 10
-# For the last message, after the run has ended.
+# For the last readings, after the run has ended.
 _LAST_S = 0.5
 
 
@@ -81,26 +84,29 @@ def main() -> None:
     """Serve the page, with the descriptors of the open port and of the connection."""
     from .server import PageServer, serve_until_signal  # with Bokeh, which takes a second
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run ends first, and then the page
     os.nice(_NICENESS)
     port, descriptor = map(int, sys.argv[1:3])
     connection = Connection(descriptor)
     address, readings, control, folder = connection.recv()
     source = ZmqSource(readings, control, name="the reader")
     gone_s: float | None = None
+    last: dict[str, Any] | None = None
 
     def ended() -> bool:
         """Whether the run has said that it is over, or its process is gone."""
-        nonlocal gone_s
+        nonlocal gone_s, last
         if gone_s is None and connection.poll():
             gone_s = time.monotonic()
-        return gone_s is not None and (source.ended or time.monotonic() - gone_s > _LAST_S)
+            with contextlib.suppress(EOFError, OSError):  # it was killed
+                last = connection.recv()
+        if gone_s is None or not source.ended and time.monotonic() - gone_s < _LAST_S:
+            return False
+        source.last = last
+        return True
 
     try:
         with socket.socket(fileno=port) as listening:
-            serve_until_signal(
-                lambda: PageServer(source, address, listening), ended, (signal.SIGTERM,)
-            )
+            serve_until_signal(lambda: PageServer(source, address, listening), ended, signals=())
     finally:
         # The reader cannot do it when it was killed.
         shutil.rmtree(folder, ignore_errors=True)

@@ -198,6 +198,11 @@ class _File(_Guarded, tornado.web.StaticFileHandler):
         _Guarded.initialize(self, page)
         tornado.web.StaticFileHandler.initialize(self, path)
 
+    def validate_absolute_path(self, root: str, absolute_path: str) -> str | None:
+        if "\0" in absolute_path:  # which the system's calls do not take
+            raise tornado.web.HTTPError(404)
+        return super().validate_absolute_path(root, absolute_path)
+
     def set_extra_headers(self, path: str) -> None:
         # Asked for again each time, and sent again after an update only.
         self.set_header("Cache-Control", "no-cache")

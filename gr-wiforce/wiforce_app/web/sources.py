@@ -265,6 +265,8 @@ class ZmqSource:
         self._heard_s: float | None = None
         self._shown: dict[str, Any] = {"state": "waiting", "sensors": {}}
         self.ended = False
+        # The end of the run, once it is certain that it does not come by ZMQ.
+        self.last: dict[str, Any] | None = None
 
     def poll(self, page_state: PageState) -> None:
         """Give the state what has come in."""
@@ -273,6 +275,8 @@ class ZmqSource:
             if not self._subscriber.poll(0) or time.monotonic() > end_s:
                 break
             self._take(loaded(self._subscriber.recv()), page_state)
+        if self.last is not None and not self.ended:
+            self._take(self.last, page_state)
         page_state.show(self._status())
 
     def close(self) -> None:

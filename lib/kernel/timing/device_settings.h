@@ -19,8 +19,12 @@ class device_settings
 public:
     explicit device_settings(double sample_rate) : d_sample_rate(sample_rate) {}
 
-    // The carrier that the first one reported must be close to.
-    void expect_carrier(double frequency_hz) { d_expected = frequency_hz; }
+    // The carrier that the next one reported must be close to, which then holds.
+    void expect_carrier(double frequency_hz)
+    {
+        d_expected = frequency_hz;
+        d_carrier.reset();
+    }
 
     void note_rate(double rate)
     {

@@ -225,7 +225,8 @@ class sigmf_recorder(Kept, gr.sync_block):
     recording can be read at any time, also after a crash. Where ``rx_time`` reports lost samples, a
     new entry of ``captures`` begins, whose ``core:global_index`` jumps; so does one where the
     device was opened or tuned again, with ``wiforce:retuned``. Samples that ``rx_rate`` or
-    ``rx_freq`` say have another rate or carrier are left out, as in ``preamble_fold``.
+    ``rx_freq`` say have another rate, or another carrier than those before, are left out, as in
+    ``preamble_fold``.
 
     A flowgraph that is started again continues the recording if its first ``rx_time`` reports the
     samples lost in between; otherwise the recording stops.
@@ -247,7 +248,8 @@ class sigmf_recorder(Kept, gr.sync_block):
     sample_rate : float
         Samples per second.
     center_frequency : float
-        Carrier in Hz; the metadata state the one that ``rx_freq`` reports, within 0.1 % of it.
+        Carrier in Hz; the metadata state the one that ``rx_freq`` reports, with a warning where it
+        is not within 0.1 %.
     item_type : str
         ``fc32`` or ``sc16``.
     fields : dict, optional
@@ -380,7 +382,8 @@ class sigmf_recorder(Kept, gr.sync_block):
             if pmt.eq(tag.key, _RX_TIME):
                 if self._timeline.note(self._passed, tag.value):
                     self._begins, self._resumes = True, False
-            elif self._settings.note(tag):
+            # Without a sample yet, the carrier that was stated is the mistake.
+            elif self._settings.note(tag, takes_carrier=not self._recorded):
                 self._begins = self._retuned = True
 
     def _record(self, file: FileIO, items: Array) -> None:

@@ -91,8 +91,11 @@ class DeviceSettings:
         """Carrier of the samples that are used, in Hz."""
         return self._settings.carrier()
 
-    def note(self, tag: Any) -> bool:
-        """Take a tag; whether samples are used again behind it, with new phases."""
+    def note(self, tag: Any, takes_carrier: bool = False) -> bool:
+        """Take a tag; whether samples are used again behind it, with new phases.
+
+        ``takes_carrier``: that of the tag is used, whatever was stated.
+        """
         key, value = str(tag.key), tag.value
         if key == names.RETUNED:
             return self.usable
@@ -102,6 +105,10 @@ class DeviceSettings:
             return False
         before, is_rate, number = self.usable, key == names.RX_RATE, pmt.to_double(value)
         (self._settings.note_rate if is_rate else self._settings.note_carrier)(number)
+        if takes_carrier and not is_rate and self._settings.refused_carrier() > 0:
+            gr.log.warn(f"{self._name}: {key} is {number:g}, not {self.carrier:g}, and is recorded")
+            self._settings.expect_carrier(number)
+            self._settings.note_carrier(number)
         if before and not self.usable:
             wanted = self._rate if is_rate else self.carrier
             gr.log.warn(

@@ -3,6 +3,7 @@
 
 import math
 import threading
+import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -32,6 +33,7 @@ _LOOK_S = 0.1
 # From an underflow that is noticed to the next frame on the air: what waits between here and the
 # device is discarded meanwhile, a tenth of a second at most.
 _RESUME_S = 0.25
+_SEARCH_S = 1.0
 # Samples that the receiver hands over together; single packets cost two cores at 12.5 Msps.
 _TOGETHER = 1 << 16
 # What finds a USRP that does not answer.
@@ -54,11 +56,14 @@ def require_rate(where: str, actual_hz: float, rate_hz: float) -> None:
 
 
 def opened(open_device: Callable[[], Any], *absent: type[Exception]) -> Any:
-    """The device; UHD waits 0.1 s for answers, which a busy network may exceed once."""
-    try:
-        return open_device()
-    except absent:
-        return open_device()
+    """The device, sought for a second: UHD waits 0.1 s for an answer, of a busy network too."""
+    deadline = time.monotonic() + _SEARCH_S
+    while True:
+        try:
+            return open_device()
+        except absent:
+            if time.monotonic() > deadline:
+                raise
 
 
 def first_gain_db(low_db: float, high_db: float) -> float:

@@ -156,6 +156,19 @@ def test_a_recording_leaves_out_other_rates_and_carriers_and_states_its_own(tmp_
     assert tagged == [1000, 6000, 9000]
 
 
+def test_a_recording_has_the_carrier_of_the_device_whatever_was_stated(tmp_path):
+    """Center Frequency was left at 900 MHz, and a whole measurement was not recorded."""
+    samples = stream(0, 30)
+    settings = ("rx_freq", 0, 2.44e9), ("rx_freq", 4000, 900e6), ("rx_freq", 5000, 2.44e9)
+    tags = [tag_at(at, key, pmt.from_double(hertz)) for key, at, hertz in settings]
+    recorder = wiforce.sigmf_recorder(tmp_path / "run")
+    run_flowgraph(array_source(samples, tags), recorder)
+    capture = open_capture(tmp_path / "run")
+    kept = np.concatenate([samples[:4000], samples[5000:]])
+    assert np.array_equal(capture.read(len(samples)), kept)
+    assert capture.center_frequency_hz == 2.44e9
+
+
 def test_a_recording_without_samples_leaves_no_file(tmp_path):
     """An empty file without metadata cannot be read, and stood in the way of the next run."""
     recorder = wiforce.sigmf_recorder(tmp_path / "run")

@@ -11,7 +11,7 @@ import numpy as np
 import pmt
 import pytest
 from gnuradio import blocks, gr, uhd, wiforce
-from gnuradio.wiforce.blocks.usrp import timed_frames
+from gnuradio.wiforce.blocks.usrp import opened, timed_frames
 from gnuradio.wiforce.errors import InputError
 from live_runs import FRAMES, SLOW, scene_file, wait_until
 from press_capture import run_flowgraph, running
@@ -43,6 +43,21 @@ def device(software):
 @pytest.fixture
 def usrp(device, scene):
     return wiforce.usrp(scene, device, rx_gain=20)
+
+
+def test_device_that_answers_late_is_opened():
+    """A machine that was busy for 0.2 s ended a live run before its first sample."""
+    answers_s = time.monotonic() + 0.5
+
+    def find():
+        time.sleep(0.1)
+        if time.monotonic() < answers_s:
+            raise LookupError("No devices found")
+        return "device"
+
+    assert opened(find, LookupError) == "device"
+    with pytest.raises(ValueError):
+        opened(lambda: float("x"), LookupError)
 
 
 def test_usrp_gains_have_the_range_of_the_device(usrp, qt):

@@ -16,7 +16,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from live_runs import scene_file
 from wiforce_app.live import monitor as session_monitor
-from wiforce_app.live.live import _Ending
+from wiforce_app.live.run import Ending
 from wiforce_app.live.session import LiveSession
 from wiforce_app.radio.request import RadioRequest
 
@@ -164,7 +164,7 @@ def test_session_counts_no_samples_until_its_flowgraph_runs():
 def test_ending_names_the_exception_with_python_3_10(monkeypatch):
     """``sys.exception`` is of Python 3.11: with 3.10, every run ended with an AttributeError."""
     monkeypatch.delattr(sys, "exception", raising=False)
-    ending = _Ending()
+    ending = Ending()
     ending.request("request")
     assert ending.report() == {"state": "ended", "reason": "request", "exit_status": 0}
     try:

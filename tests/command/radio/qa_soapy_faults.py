@@ -8,7 +8,7 @@ import sys
 import pytest
 from gnuradio.wiforce.io.network.device_lock import DeviceLock
 from live_runs import SLOW, run_session, scene_file
-from wiforce_app.live import live
+from wiforce_app.live import run
 from wiforce_app.main import main
 from wiforce_app.radio.request import DeviceLost
 from wiforce_app.radio.soapy import _text
@@ -111,11 +111,11 @@ def test_start_of_a_driver_that_hangs_ends_in_bounded_time(stopped):
 
 @pytest.mark.parametrize("readings", [0, 3])
 def test_live_lost_device_promises_only_readings_that_exist(scene, monkeypatch, capsys, readings):
-    def lose(scene, request, outputs, *_, **__):
+    def lose(outputs, **_):
         outputs.rows = readings
         raise DeviceLost("the device is lost")
 
-    monkeypatch.setattr(live, "_run", lose)
+    monkeypatch.setattr(run, "LiveRun", lose)
     assert main(["live", "--scene", str(scene), "--args", "addr=1"]) == 1
     end = "all readings until then are kept" if readings else "there are no readings"
     assert capsys.readouterr().err == f"gr-wiforce: the device is lost; {end}\n"

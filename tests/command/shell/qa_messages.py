@@ -18,7 +18,10 @@ PHASES = "phase1_deg,phase2_deg,"
 # What is said of a file that holds this, by this command.
 MISTAKES = {
     "is not a capture: there is no file.csv.sigmf-meta; for raw samples, give their type": (
-        ("1,2\n", "read file.csv")
+        ("\0\1\2\3", "read file.csv")
+    ),
+    "file.csv: holds text, not samples; `export`, `score` and `watch` take files of readings": (
+        ("time_s,sensor\n0.5,arm\n", "read file.csv")
     ),
     "is a file of a capture; a scene is a": (HEADER, "simulate press.sigmf-meta x"),
     "shipped scene (did you mean 'tabletop'? gr-wiforce list": (HEADER, "plan tabeltop"),

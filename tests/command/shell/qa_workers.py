@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from gnuradio.wiforce.errors import InputError, OutputError
 from machine import wait_until
 from wiforce_app.shell.options import worker_options
-from wiforce_app.shell.workers import WorkerLost, run_tasks
+from wiforce_app.shell.workers import WorkerLost, run_tasks, spawned
 
 
 def square_or_fail(number):
@@ -102,3 +102,19 @@ def test_scheduler_is_ignored_with_a_warning_that_says_what_to_use():
     command = click.command()(worker_options(lambda jobs: click.echo(f"{jobs} jobs")))
     done = CliRunner().invoke(command, ["--scheduler", "x:1", "--jobs", "2"])
     assert "this machine's cores are used (--jobs)" in done.output and "2 jobs" in done.output
+
+
+def test_process_beside_the_command_gets_none_of_its_signals(tmp_path, monkeypatch):
+    """Ctrl-C while the page of a live run was starting printed its traceback."""
+    (tmp_path / "beside.py").write_text("import os, sys\nos.write(int(sys.argv[1]), b'runs')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    read, write = os.pipe()
+    process = spawned("beside", write)
+    os.close(write)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
+        process.send_signal(number)
+    with open(read, "rb") as said:
+        assert said.read() == b"runs"
+    assert process.wait(60) == 0
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before

@@ -2,6 +2,7 @@
 """``gr-wiforce live --web``: the page's process shows the readings, and never affects them."""
 
 import contextlib
+import os
 import signal
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 from live_runs import free_ports, live, rows_of, wait_until
 from long_cases import cases
-from machine import children
+from machine import children, own_address
 from web_pages import RawViewer, touched
 from wiforce_app.web import live_page
 from wiforce_app.web.address import PageAddress
@@ -69,6 +70,29 @@ def test_live_page_shows_all_readings_and_how_the_run_ends(
     written = [page_row(row) for row in rows_of(output)]
     first = next(n for n, row in enumerate(written) if row[1] == rows[0][1])
     assert rows == written[first : first + len(rows)]
+
+
+# What Python imports first in a process that has it in PYTHONPATH.
+BUSY = """
+import sys, time
+if any("live_page" in word for word in sys.orig_argv):
+    time.sleep({})
+"""
+
+
+@pytest.mark.parametrize("busy_s", cases(0, long=(5,)))
+def test_live_page_of_a_run_that_ends_at_once_says_why(slow_scene, tmp_path, monkeypatch, busy_s):
+    """Its process starts later: a viewer got no answer, or "no messages from the reader yet"."""
+    (tmp_path / "sitecustomize.py").write_text(BUSY.format(busy_s))
+    found = [str(tmp_path), os.environ["PYTHONPATH"]]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(found))
+    (port,) = free_ports(1)
+    args = f"addr={own_address()},type=usrp2"
+    with live(args, slow_scene, "--web", port, "-o", tmp_path / "readings.csv") as reader:
+        with closing(first_viewer(f"http://127.0.0.1:{port}/")) as viewer:
+            *_, last = iter(viewer.message, None)
+        assert reader.wait(60) == 2
+    assert last["status"]["state"] == "ended" and "no device found" in last["status"]["reason"]
 
 
 def test_live_page_whose_process_ends_is_reported_once(monkeypatch):

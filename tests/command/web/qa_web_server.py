@@ -112,6 +112,15 @@ def test_page_on_loopback_is_not_for_other_pages():
                 assert viewer.status == status
 
 
+@pytest.mark.parametrize("name", ["%00", "a%00b.js", "x" * 5000, "%ff", "..%2fserver.py", "%2e%2e"])
+def test_page_answers_a_name_that_no_file_can_have_with_4xx(name):
+    """A scanner's requests looked like faults of the page."""
+    with serving(NoSource()) as (url, _):
+        for path in ("", "assets/", "bokeh/"):
+            status, text = fetch(url, path + name)
+            assert 400 <= status < 500 and len(text) < 100, path
+
+
 def test_page_state_keeps_the_history_and_sends_what_a_viewer_lacks():
     page_state = PageState(history_s=10.0)
     for step in range(20):

@@ -62,8 +62,10 @@ PYBIND11_MODULE(wiforce_kernels, m)
             settings->expect_carrier(carrier);
             return settings;
         }))
+        .def("expect_carrier", &device_settings::expect_carrier)
         .def("note_rate", &device_settings::note_rate)
         .def("note_carrier", &device_settings::note_carrier)
+        .def("refused_carrier", &device_settings::refused_carrier)
         .def("usable", &device_settings::usable)
         .def("carrier", &device_settings::carrier);
 }

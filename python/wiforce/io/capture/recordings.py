@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import InputError
 from ...signal.carrier import same_carrier
 from .names import SUFFIXES, files_of, stem_of
-from .samples import DATATYPES, samples_of
+from .samples import DATATYPES, holds_text, samples_of
 from .sigmf_metadata import read_metadata
 
 if TYPE_CHECKING:
@@ -146,6 +146,8 @@ def open_capture(path: str | Path, datatype: str | None = None) -> Capture:
         )
         if path.suffix == ".npz":
             rule = "holds channel snapshots, which only `read` and `check` take; this needs samples"
+        elif holds_text(path):
+            rule = "holds text, not samples; `export`, `score` and `watch` take files of readings"
         raise InputError(path, rule)
     for file in (meta, data):
         _check_file(file)

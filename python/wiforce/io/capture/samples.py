@@ -51,12 +51,28 @@ def samples_of(codes: ArrayLike) -> np.ndarray:
 
 def likely_datatype(path: str | Path) -> str | None:
     """Type of raw samples, by the exponents that they have as floats; None where unknown."""
-    with Path(path).open("rb") as file:
-        start = file.read(_LOOKED_AT)
-    if len(start) < 8 or not start.translate(None, string.printable.encode()):
+    start = _start_of(path)
+    if len(start) < 8 or _is_text(start):
         return None
     values = np.frombuffer(start[: len(start) // 4 * 4], "<f4")
     return "cf32_le" if plausible_share(values) > _FLOAT_SHARE else "ci16_le"
+
+
+def holds_text(path: str | Path) -> bool:
+    """Whether a file begins with text, as readings and tables do; not where it is unreadable."""
+    try:
+        return _is_text(_start_of(path))
+    except OSError:
+        return False
+
+
+def _start_of(path: str | Path) -> bytes:
+    with Path(path).open("rb") as file:
+        return file.read(_LOOKED_AT)
+
+
+def _is_text(start: bytes) -> bool:
+    return start != b"" and not start.translate(None, string.printable.encode())
 
 
 def plausible_share(values: ArrayLike) -> float:
