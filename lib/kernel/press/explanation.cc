@@ -242,6 +242,7 @@ void explanation::merge(const explanation& other, double share)
     press.strength.merge(other.press.strength, share);
     mean(age_s, other.age_s);
     mean(turn.velocity, other.turn.velocity);
+    mean(turn.age_s, other.turn.age_s);
     mean(turn.seen, other.turn.seen);
     mean(turn.hands, other.turn.hands);
     mean(turn.moved, other.turn.moved);

@@ -124,6 +124,7 @@ struct explanation {
         bool goes_on = false, sudden = false; // in this group
         bool by_hand = false;
         double velocity = 0;   // rad/s
+        double age_s = 0;      // since it began
         std::size_t speed = 0; // how fast its velocity changes, of `speeds`
         // Turns seen where nothing looks alike, in this time, hands, and cables that
         // moved.

@@ -50,6 +50,7 @@ void press_filter::turn_slowly(
         next->age_s = 0; // as after a change of force, which looks the same at mid-line
     const bool begins = how == course::begins;
     if (begins) {
+        next->turn.age_s = 0;
         count_turn(*next, from);
         begin_turn(*next);
     }
@@ -148,7 +149,7 @@ void press_filter::touch(const explanation& from,
         next->turn.goes_on = true;
         next->turn.by_hand = false;
         next->turn.speed = warm_speed;
-        next->turn.velocity = 0;
+        next->turn.velocity = next->turn.age_s = 0;
     }
     begin_press(*next);
     if (next->turn.goes_on)
@@ -319,7 +320,7 @@ void press_filter::turn_and_change(const explanation& from,
     auto turning = from;
     turning.turn.goes_on = true;
     turning.turn.by_hand = near;
-    turning.turn.velocity = 0;
+    turning.turn.velocity = turning.turn.age_s = 0;
     turning.turn.speed = speed;
     count_turn(turning, from);
     change_steadily(turning, probability, from.press.slides, from.press.speed);
@@ -349,7 +350,8 @@ void press_filter::part_turn(explanation& to,
                  doubt = by_turn - squared(by_turn) * (a + b - 2 * ab) / determinant;
     to.line.common.turn(expected + turned);
     to.line.common.widen(std::max(doubt, 0.0) *
-                         std::max(turn_duration_s(to) / d_elapsed_s, 1.0));
+                         std::min(turn_duration_s(to), d_elapsed_s + 2 * to.turn.age_s) /
+                         d_elapsed_s);
     to.turn.velocity += (1 - going_on(turn_duration_s(to))) * turned / d_elapsed_s;
 }
 

@@ -152,6 +152,7 @@ void press_filter::take(const press_observation& group)
             amplitudes->difference_variance += d_off_differ ? 0 : fades;
         }
         from.age_s += d_elapsed_s;
+        from.turn.age_s += d_elapsed_s;
         from.turn.sudden = false;
         from.turn.failed += d_silent;
         from.turn.watched_s += sees_turns(from) ? d_elapsed_s : 0;
