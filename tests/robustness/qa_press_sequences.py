@@ -22,7 +22,8 @@ LONG_TURNING = {
     "brownouts": 5e-3,
     "off states in error": 5e-3,
     "off states alike": 5e-3,
-    "warm": 3e-2,
+    "warm": 5e-3,
+    "hand": 1e-2,
 }
 # Where a stream has more to do than to read groups: some are missing, or there are tares.
 IN_STREAMS = "gaps", "silence", "tares", "mixture", "turning mixture"
