@@ -62,7 +62,8 @@ void press_filter::turn_slowly(
     next->press.motion.predict(d_elapsed_s);
     if (how == course::ends)
         next->press.motion.stop(d_elapsed_s);
-    give(*next, follow_turn(*next, was));
+    // What warms moves by nothing while groups are averaged.
+    give(*next, follow_turn(*next, was), speed == warm_speed);
 }
 
 void press_filter::count_turn(explanation& to, const explanation& from) const

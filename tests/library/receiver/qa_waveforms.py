@@ -29,7 +29,7 @@ CASES = {
     "chirp-64": (SHORT, 1.5),
     "zadoff-chu-128": (MIDDLE, 1.5),
     "chirp-1024": (LONG, 1.5),
-    "strong-64": (replace(SHORT, snr_db=30.0), 1.4),
+    "strong-64": (replace(SHORT, snr_db=30.0), 1.5),
     "few-subcarriers": (replace(LONG, symbol=chirp(64), rate_hz=312.5e3, frame=144), 1.5),
     "strong": (replace(LONG, snr_db=20.0), 1.8),
 }
