@@ -118,7 +118,7 @@ def test_samples_without_numbers_and_text_are_named(tmp_path):
     found, _ = checked(tmp_path / "nan.cf32", "cf32_le")
     assert found["levels"]["not_finite"] == 1.0
     (tmp_path / "text").write_text("no samples at all\n" * 99)
-    assert "is not a capture" in refused("check", tmp_path / "text")
+    assert "holds text, not samples" in refused("check", tmp_path / "text")
 
 
 def test_options_for_samples_are_refused_for_snapshots(tmp_path):
