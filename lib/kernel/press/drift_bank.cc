@@ -120,7 +120,8 @@ void drift_bank::merge(const drift_bank& other, double share)
     summarize();
 }
 
-double drift_bank::carry(drift_bank& other, double phase, double noise, double memory)
+double drift_bank::carry(
+    drift_bank& other, double phase, double noise, double memory, const hint& given)
 {
     const double was = other.d_estimate.mean;
     for (std::size_t i = 0; i < d_count; i++) {
@@ -130,7 +131,7 @@ double drift_bank::carry(drift_bank& other, double phase, double noise, double m
             std::max(other.d_variance[i] - gain * d_with[i], least_variance);
         d_with[i] -= gain * d_variance[i];
     }
-    const double likelihood = update(phase, noise, memory);
+    const double likelihood = update(phase, noise, memory, -INFINITY, given);
     other.d_weight = d_weight;
     other.summarize();
     d_carried += other.d_estimate.mean - was;
@@ -140,7 +141,8 @@ double drift_bank::carry(drift_bank& other, double phase, double noise, double m
     return likelihood;
 }
 
-double drift_bank::update(double phase, double noise, double memory, double lowest)
+double drift_bank::update(
+    double phase, double noise, double memory, double lowest, const hint& given)
 {
     double least = 1e300, after = 0, kept = 0;
     std::array<double, most_rates> square, relative;
@@ -149,8 +151,8 @@ double drift_bank::update(double phase, double noise, double memory, double lowe
     for (std::size_t i = 0; i < d_count; i++) {
         const double variance = d_variance[i] + noise,
                      off = first_off + first - d_mean[i], gain = d_variance[i] / variance;
-        square[i] = off * off / variance;
-        relative[i] = 1 / std::sqrt(variance);
+        square[i] = (off - given.off) * (off - given.off) / (variance * given.left);
+        relative[i] = 1 / std::sqrt(variance * given.left);
         least = std::min(least, square[i]);
         d_mean[i] += gain * off;
         d_variance[i] = std::max(d_variance[i] * (1 - gain), least_variance);

@@ -22,6 +22,11 @@ public:
     struct moments {
         double mean, variance;
     };
+    //! What something else says of a phase: how far off it is, and which share of its
+    //! variance is left.
+    struct hint {
+        double off, left;
+    };
 
     drift_bank() = default; // does not drift
     //! At the rates of the filter, or at the only one that is stated (rad per sqrt(s)),
@@ -41,12 +46,20 @@ public:
     void predict(double seconds);
     //! Takes a phase; gives the log density that was expected of it. `memory` is the part
     //! of the evidence for the rates that is kept. What is below `lowest` is of no use.
-    double update(double phase, double noise, double memory, double lowest = -INFINITY);
+    double update(double phase,
+                  double noise,
+                  double memory,
+                  double lowest = -INFINITY,
+                  const hint& given = { 0, 1 });
 
     //! Likewise, where this phase is that of another which drifts, and of something that
     //! drifts beside it: half of what this one drifts is the other's. The share may be
     //! anything (arcsine law, variance 1 / 8), which is the other's doubt.
-    double carry(drift_bank& other, double phase, double noise, double memory);
+    double carry(drift_bank& other,
+                 double phase,
+                 double noise,
+                 double memory,
+                 const hint& given = { 0, 1 });
 
     //! A share of what another says, and the rest of what it says itself, in one.
     void merge(const drift_bank& other, double share);

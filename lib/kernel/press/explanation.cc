@@ -84,20 +84,21 @@ phase_covariance drifting_phases::walk(double seconds) const
     return of_ends(variance(common.usual_rate()), variance(difference.usual_rate()));
 }
 
-// Mean and difference of phases, nearest to those of the line, with their noise. That of
-// the mean is what is left where the difference says a part of it.
+// Mean and difference of phases, nearest to those of the line, with their noise, and what
+// the difference says of the mean: one end may be noisier, now as before.
 drifting_phases::seen_phases drifting_phases::beside(const pair_of_ends& phase,
                                                      const phase_covariance& noise) const
 {
-    const auto was = difference.estimate();
-    const double off = wrapped(phase[0] - phase[1] - was.mean),
-                 difference_noise = of_difference(noise),
-                 both = (noise.first - noise.second) / 2,
-                 share = both / (was.variance + difference_noise);
-    return { phase[1] + (was.mean + off) / 2 - share * off,
-             of_mean(noise) - share * both,
-             was.mean + off,
-             difference_noise };
+    const double expected = difference.estimate().mean,
+                 off = wrapped(phase[0] - phase[1] - expected),
+                 mean_noise = of_mean(noise), difference_noise = of_difference(noise),
+                 shared = (noise.first - noise.second) / 2;
+    return { phase[1] + (expected + off) / 2,
+             mean_noise,
+             expected + off,
+             difference_noise,
+             { shared / difference_noise * off,
+               1 - shared * shared / (mean_noise * difference_noise) } };
 }
 
 double drifting_phases::update(const pair_of_ends& phase,
@@ -107,8 +108,8 @@ double drifting_phases::update(const pair_of_ends& phase,
 {
     const auto seen = beside(phase, noise);
     const double most = log_normal(0, seen.difference_noise),
-                 likelihood =
-                     common.update(seen.mean, seen.mean_noise, memory, lowest - most);
+                 likelihood = common.update(
+                     seen.mean, seen.mean_noise, memory, lowest - most, seen.given);
     return likelihood < lowest - most
                ? lowest
                : likelihood +
@@ -121,7 +122,7 @@ double drifting_phases::carry(drifting_phases& line,
                               double memory)
 {
     const auto seen = beside(phase, noise);
-    return common.carry(line.common, seen.mean, seen.mean_noise, memory) +
+    return common.carry(line.common, seen.mean, seen.mean_noise, memory, seen.given) +
            difference.carry(
                line.difference, seen.difference, seen.difference_noise, memory);
 }

@@ -37,8 +37,8 @@ struct press_outcome {
     press_state is = untouched;
     // Whether the untouched line is; a first press may have begun before the first group.
     bool known = true;
-    // Probability that the tag turns faster than a finger warms the line, or a cable
-    // moves; and that the tag was received in a part of the group only.
+    // Probability that the tag turns faster than `slow_turn`, or a cable moves; and that
+    // the tag was received in a part of the group only.
     double turns = 0, in_part = 0;
     pair_of_ends baseline{}, amplitude{}; // of the untouched line, rad and Np
     double common_variance = 0, difference_variance = 0; // of its mean phase, difference
@@ -81,6 +81,7 @@ struct drifting_phases {
 private:
     struct seen_phases {
         double mean, mean_noise, difference, difference_noise;
+        drift_bank::hint given;
     };
     seen_phases beside(const pair_of_ends& phase, const phase_covariance& noise) const;
 };
@@ -125,7 +126,7 @@ struct explanation {
         bool by_hand = false;
         double velocity = 0;   // rad/s
         double age_s = 0;      // since it began
-        std::size_t speed = 0; // how fast its velocity changes, of `speeds`
+        std::size_t speed = 0; // how fast its velocity changes, of `turn_speeds`
         // Turns seen where nothing looks alike, in this time, hands, and cables that
         // moved.
         double seen = 0, hands = 0, moved = 0, watched_s = 0;

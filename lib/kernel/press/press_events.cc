@@ -62,7 +62,6 @@ void press_filter::turn_slowly(
     next->press.motion.predict(d_elapsed_s);
     if (how == course::ends)
         next->press.motion.stop(d_elapsed_s);
-    // What warms moves by nothing while groups are averaged.
     give(*next, follow_turn(*next, was), speed == warm_speed);
 }
 
@@ -90,6 +89,7 @@ double press_filter::follow_turn(explanation& to, const phase_motion& was) const
     const double by = to.press.motion.means()[0] - was.means()[0],
                  error = to.press.motion.variances()[0];
     to.line.common.turn(by);
+    to.mean.recount({ by, by }, {});
     to.line.common.widen(was.variances()[0] - 2 * tied + error);
     to.press.held.common.tie(error);
     const double likelihood = update_turned(
@@ -130,7 +130,7 @@ void press_filter::release(const explanation& from, double probability)
     }
     if (next->turn.goes_on) {
         begin_turn(*next);
-        next->press.motion.move(next->turn.velocity, next->turn.velocity / 2);
+        next->press.motion.move(next->turn.velocity, velocity_deviation(*next));
     }
     give(*next, likelihood);
 }
@@ -154,9 +154,7 @@ void press_filter::touch(const explanation& from,
     }
     begin_press(*next);
     if (next->turn.goes_on)
-        next->press.motion.move(next->turn.velocity,
-                                warms ? turn_speeds[warm_speed]
-                                      : next->turn.velocity / 2);
+        next->press.motion.move(next->turn.velocity, velocity_deviation(*next));
     const double spread = is == pressed ? d_set.contact_np : any_amplitude;
     if (shows_turns(*next)) {
         const double amplitudes = begin_strength(*next, spread);
@@ -296,7 +294,7 @@ void press_filter::change_steadily(const explanation& from,
     next->press.motion.widen_velocity(covariance_along(direction, along, aside * along));
     if (from.turn.goes_on) { // by what it turned before, or by anything
         const double by = squared(turning_speed(from.turn.speed)) *
-                          (from.turn.velocity == 0 ? 1 : d_elapsed_s);
+                          (from.turn.age_s == 0 ? 1 : d_elapsed_s);
         next->press.motion.widen_velocity({ by, by, by });
     }
     next->press.motion.predict(d_elapsed_s);

@@ -320,7 +320,8 @@ void press_filter::branch_touched(const explanation& from)
                         from.press.slides,
                         from.press.speed);
         held.press.steady = false;
-        held.press.motion.move(from.turn.velocity, from.turn.velocity / 2);
+        held.press.motion.move(from.turn.velocity, velocity_deviation(from));
+        held.mean.weight = {};
         turn_slowly(held, quiet * turns_on * (1 - changes_on), course::goes_on);
         auto both = from;
         turn_unseen(both, 0.5);
@@ -496,7 +497,14 @@ double press_filter::duration_s(std::size_t speed) const
 
 double press_filter::turn_duration_s(const explanation& of) const
 {
-    return of.turn.speed == warm_speed ? warm_s : d_set.steady_s;
+    return of.turn.goes_on && of.turn.speed == warm_speed ? warm_s : d_set.steady_s;
+}
+
+// Of the velocity of a turn that goes on beside something new, rad/s.
+double press_filter::velocity_deviation(const explanation& of)
+{
+    const double half = std::abs(of.turn.velocity) / 2;
+    return of.turn.speed == warm_speed ? std::max(half, turn_speeds[warm_speed]) : half;
 }
 
 // That what goes on for this time on average does so through the group.

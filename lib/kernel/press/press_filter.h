@@ -82,6 +82,7 @@ private:
     double going_on(double mean_s) const;
     double duration_s(std::size_t speed) const;
     double turn_duration_s(const explanation& of) const;
+    static double velocity_deviation(const explanation& of);
     double lasting() const;
     double between_groups() const;
     void settle();

@@ -19,7 +19,8 @@ struct press_parameters {
         0.02; // or a contact that the model does not contain; of all changes
     double change_s = 0.03;   // mean time that a sudden change takes
     double steady_deg = 25.0; // by how much a steady change goes on
-    double steady_s = 0.5;    // for how long a turning tag, or a hand, goes on
+    double steady_s =
+        0.5; // for how long a turning tag, or a hand, goes on; not a warm finger
     double turns = 3e-4; // 1/s: turns of the tag or an antenna, until they are learned
     double turns_per_s = -1.0; // stated rate of turns; negative to learn it
     double expected_s =
