@@ -351,6 +351,18 @@ def test_press_is_held_where_one_end_is_noisier(noise_deg):
     assert np.degrees(np.sqrt(last["weight"] @ last["common_variance"])) < 0.3
 
 
+def test_line_whose_ends_differ_in_noise_errs_as_stated():
+    """Its mean was corrected by the error of the difference, which lasts, as if it were new."""
+    noise, errors = np.array((0.05, 0.3)), []
+    for seed in range(40):
+        rows = rows_of(phases_of(PRESS, 100, 0, 0, noise_deg=noise, seed=seed), noise_deg=noise)
+        found = explained(rows, drift_deg=0.0)
+        last = found[found["row"] == 98][0]
+        mean = np.degrees(last["baseline"].mean())
+        errors.append(mean / np.degrees(np.sqrt(last["common_variance"])))
+    assert 0.75 < np.sqrt(np.mean(np.square(errors))) < 1.25
+
+
 def test_line_drifts_by_half_of_what_a_held_press_does_within_the_other_half():
     """A finger that warms a line turns it slowly; the force was read from where it had been."""
     phases_deg = phases_of(PRESS, 30, 40, 0, noise_deg=0.03)
