@@ -504,7 +504,8 @@ double press_filter::turn_duration_s(const explanation& of) const
 double press_filter::velocity_deviation(const explanation& of)
 {
     const double half = std::abs(of.turn.velocity) / 2;
-    return of.turn.speed == warm_speed ? std::max(half, turn_speeds[warm_speed]) : half;
+    const bool warms_anew = of.turn.speed == warm_speed && of.turn.age_s == 0;
+    return warms_anew ? turn_speeds[warm_speed] : half;
 }
 
 // That what goes on for this time on average does so through the group.
