@@ -151,8 +151,9 @@ double drift_bank::update(
     for (std::size_t i = 0; i < d_count; i++) {
         const double variance = d_variance[i] + noise,
                      off = first_off + first - d_mean[i], gain = d_variance[i] / variance;
-        square[i] = (off - given.off) * (off - given.off) / (variance * given.left);
-        relative[i] = 1 / std::sqrt(variance * given.left);
+        const double expected = variance * given.left;
+        square[i] = squared(off - given.off) / expected;
+        relative[i] = 1 / std::sqrt(expected);
         least = std::min(least, square[i]);
         d_mean[i] += gain * off;
         d_variance[i] = std::max(d_variance[i] * (1 - gain), least_variance);

@@ -131,6 +131,14 @@ struct explanation {
         // moved.
         double seen = 0, hands = 0, moved = 0, watched_s = 0;
         double failed = 0; // how often the tag's supply has
+
+        void begin(std::size_t at_speed, bool near)
+        {
+            goes_on = true;
+            by_hand = near;
+            speed = at_speed;
+            velocity = age_s = 0;
+        }
     } turn;
 
     //! Both phases and amplitudes of the press, or of the line while the tag turns it.

@@ -42,18 +42,16 @@ void press_filter::turn_slowly(
     auto* const next = follow(from, probability);
     if (!next)
         return;
-    next->turn.speed = speed;
     next->press.steady = false;
-    next->turn.goes_on = how != course::ends;
-    next->turn.by_hand = near;
     if (from.is != untouched && speed != warm_speed)
         next->age_s = 0; // as after a change of force, which looks the same at mid-line
     const bool begins = how == course::begins;
     if (begins) {
-        next->turn.age_s = 0;
+        next->turn.begin(speed, near);
         count_turn(*next, from);
         begin_turn(*next);
     }
+    next->turn.goes_on = how != course::ends;
     const auto was = next->press.motion;
     if (how != course::ends) {
         const double by = squared(turning_speed(speed)) * (begins ? 1 : d_elapsed_s) / 2;
@@ -146,12 +144,8 @@ void press_filter::touch(const explanation& from,
     next->is = is;
     next->age_s = 0;
     next->turn.goes_on &= is == pressed;
-    if (warms) {
-        next->turn.goes_on = true;
-        next->turn.by_hand = false;
-        next->turn.speed = warm_speed;
-        next->turn.velocity = next->turn.age_s = 0;
-    }
+    if (warms)
+        next->turn.begin(warm_speed, false);
     begin_press(*next);
     if (next->turn.goes_on)
         next->press.motion.move(next->turn.velocity, velocity_deviation(*next));
@@ -317,10 +311,7 @@ void press_filter::turn_and_change(const explanation& from,
     if (!may_count(from, std::log(probability) + d_peak))
         return;
     auto turning = from;
-    turning.turn.goes_on = true;
-    turning.turn.by_hand = near;
-    turning.turn.velocity = turning.turn.age_s = 0;
-    turning.turn.speed = speed;
+    turning.turn.begin(speed, near);
     count_turn(turning, from);
     change_steadily(turning, probability, from.press.slides, from.press.speed);
 }

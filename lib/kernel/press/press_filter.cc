@@ -500,12 +500,11 @@ double press_filter::turn_duration_s(const explanation& of) const
     return of.turn.goes_on && of.turn.speed == warm_speed ? warm_s : d_set.steady_s;
 }
 
-// Of the velocity of a turn that goes on beside something new, rad/s.
+// Of the velocity of a turn that begins, or goes on beside something new, rad/s.
 double press_filter::velocity_deviation(const explanation& of)
 {
-    const double half = std::abs(of.turn.velocity) / 2;
-    const bool warms_anew = of.turn.speed == warm_speed && of.turn.age_s == 0;
-    return warms_anew ? turn_speeds[warm_speed] : half;
+    const auto& turn = of.turn;
+    return turn.age_s == 0 ? turn_speeds[turn.speed] : std::abs(turn.velocity) / 2;
 }
 
 // That what goes on for this time on average does so through the group.

@@ -33,6 +33,7 @@ _LOOK_S = 0.1
 # From an underflow that is noticed to the next frame on the air: what waits between here and the
 # device is discarded meanwhile, a tenth of a second at most.
 _RESUME_S = 0.25
+# Several times the 0.2 s for which a device was seen to pause.
 _SEARCH_S = 1.0
 # Samples that the receiver hands over together; single packets cost two cores at 12.5 Msps.
 _TOGETHER = 1 << 16
