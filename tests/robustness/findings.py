@@ -34,7 +34,6 @@ class Finding(Sequence):
             force[here] = rng.uniform(2, 7) * np.clip(edge[here], 0, 1)
             location[here] = rng.uniform(38, 42) if rng.random() < 0.5 else rng.uniform(20, 60)
         self.noise_deg = log_uniform(rng, 0.03, 0.2) * np.sqrt(625 / snapshots)
-        self.strengths = np.ones(2)
         self.received, self.tares = np.ones(self.groups, bool), []
         odd = (t >= self.spans[1][0]) & (t <= self.spans[1][1])
         location[odd] = rng.uniform(36, 44)

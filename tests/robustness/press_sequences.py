@@ -156,6 +156,7 @@ class Sequence:
     """
 
     truth = wiforce.load_sensor("line-900mhz")
+    strengths = (1.0, 1.0)
 
     def __init__(self, seed, snapshots, family):
         self.family, effects = family, FAMILIES[family]
@@ -185,8 +186,8 @@ class Sequence:
             tares = _moments(rng, 0.15, self._end)
             self.tares = [(int(at / self.period_s), bool(rng.random() < 0.4)) for at in tares]
         self.noise_deg = log_uniform(rng, 0.03, 0.2) * np.sqrt(625 / snapshots)
-        self.strengths = np.ones(2)
         if "weaker end" in effects:
+            self.strengths = np.ones(2)
             self.strengths[rng.choice(2)] = log_uniform(rng, 0.15, 0.7)
 
     def set_time(self, duration_s):

@@ -61,9 +61,7 @@ def _separated(sequence, plan):
     """Groups with the channels of the ends, and noise, and the static path."""
     rng = np.random.default_rng(1)
     k = plan.waveform.subcarriers
-    delays = np.linspace(0.02, 0.06, 2 * len(sequence.tags))
-    channel = np.exp(-2j * np.pi * np.outer(delays, k / 5.12))
-    channel *= np.tile(sequence.strengths, len(sequence.tags))[:, None]
+    channel = _channel(sequence, k)
     gain = np.exp(sequence.receiver)
     ends = np.concatenate(
         [(tag.ratios * gain[..., None]).mean(axis=1) for tag in sequence.tags], axis=1
@@ -88,6 +86,13 @@ def _separated(sequence, plan):
         retuned=np.zeros(sequence.groups, bool),
         static=static,
     )
+
+
+def _channel(sequence, k):
+    """Channels of the untouched ends over the subcarriers ``k``; shape (2 * sensors, K)."""
+    delays = np.linspace(0.02, 0.06, 2 * len(sequence.tags))
+    strengths = np.tile(sequence.strengths, len(sequence.tags))
+    return strengths[:, None] * np.exp(-2j * np.pi * np.outer(delays, k / 5.12))
 
 
 def by_receiver(sequence):
@@ -135,9 +140,7 @@ class _Snapshots:
         self._sequence, self._waveform = sequence, waveform
         self._rng = np.random.default_rng(3)
         k = waveform.subcarriers
-        delays = np.linspace(0.02, 0.06, 2 * len(sequence.tags))
-        self._channel = np.exp(-2j * np.pi * np.outer(delays, k / 5.12))
-        self._channel *= np.tile(sequence.strengths, len(sequence.tags))[:, None]
+        self._channel = _channel(sequence, k)
         line = np.sin(np.pi / 4) / np.pi  # first line of pulses a quarter of the clock long
         self._static = line * 10 ** (_STATIC_DB / 20) * np.exp(-0.03j * k)
         # The mean over a group of N snapshots and all subcarriers has the noise that is asked for.
