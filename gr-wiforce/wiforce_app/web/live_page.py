@@ -40,17 +40,17 @@ class LivePage(Output):
             )
             try:
                 self._publisher = ReadingsPublisher(readings, OPTION)
-            except Exception:
+                # Every user can see arguments, and the address has a token: it is sent, before
+                # there is a process, which thus ends in good order even if this one is interrupted
+                # or killed. The run lasts as long as this connection.
+                self._run, run = multiprocessing.Pipe()
+                with run:
+                    self._run.send((address, readings, self.control, self._folder))
+                    descriptors = listening.fileno(), run.fileno()
+                    self._process = spawned(f"{__package__}.live_page", *descriptors)
+            except BaseException:
                 shutil.rmtree(self._folder, ignore_errors=True)
                 raise
-            # Every user can see arguments, and the address has a token: it is sent. The run lasts
-            # as long as this connection.
-            self._run, run = multiprocessing.Pipe()
-            with run:
-                descriptors = listening.fileno(), run.fileno()
-                self._process = spawned(f"{__package__}.live_page", *descriptors)
-        with contextlib.suppress(OSError):  # it has ended already, which is reported
-            self._run.send((address, readings, self.control, self._folder))
 
     def write_rows(self, rows: Iterable[Mapping[str, Any]]) -> None:
         self._publisher.write_rows(rows)

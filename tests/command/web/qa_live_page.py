@@ -2,6 +2,7 @@
 """``gr-wiforce live --web``: the page's process shows the readings, and never affects them."""
 
 import contextlib
+import gc
 import os
 import signal
 import subprocess
@@ -114,3 +115,25 @@ def test_live_page_whose_process_ends_is_reported_once(monkeypatch):
     assert folder.stat().st_mode & 0o077 == 0
     page.close()
     assert said == ["the page has ended with status 3; readings go on"] and not folder.exists()
+
+
+def test_live_page_interrupted_while_its_process_starts_leaves_nothing(monkeypatch, capfd):
+    """Ctrl-C printed a traceback of the process, whose folder stayed."""
+    started, folders, spawned, make = [], [], live_page.spawned, live_page.tempfile.mkdtemp
+
+    def interrupted(*arguments):
+        started.append(spawned(*arguments))
+        raise KeyboardInterrupt
+
+    def noted(**options):
+        folders.append(Path(make(**options)))
+        return str(folders[-1])
+
+    monkeypatch.setattr(live_page, "spawned", interrupted)
+    monkeypatch.setattr(live_page.tempfile, "mkdtemp", noted)
+    (port,) = free_ports(1)
+    with pytest.raises(KeyboardInterrupt):
+        live_page.LivePage(PageAddress.of(str(port)), print)
+    gc.collect()  # of what the traceback holds
+    assert started[0].wait(60) == 0 and capfd.readouterr().err == ""
+    assert not folders[0].exists()
