@@ -72,9 +72,13 @@ class RadioKeeper:
         """Stop the device; the session's stream ends after the samples received so far."""
         self.state = STOPPING
         if self._link is not None:
-            if self._attached:
-                self._link.stop()
-            self._link.close()
+            try:
+                if self._attached:
+                    self._link.stop()
+                self._link.close()
+            except BaseException:  # asked again: a driver that hangs must not keep the device
+                self._link.discard()
+                raise
             self._link = None
 
     def _advance(self, link):

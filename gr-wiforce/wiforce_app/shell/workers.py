@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,11 +47,12 @@ def spawned(module: str, *descriptors: int) -> subprocess.Popen[bytes]:
 
 
 def end_within(process: subprocess.Popen[bytes], limit_s: float) -> None:
-    """Wait for a process to end, and kill it after a time."""
+    """Wait for a process to end, and kill it after a time, or when the wait is interrupted."""
     try:
-        process.wait(limit_s)
-    except subprocess.TimeoutExpired:
-        process.kill()
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(limit_s)
+    finally:
+        process.kill()  # which does nothing to one that has ended
         process.wait()
 
 

@@ -182,3 +182,15 @@ def test_a_process_that_was_stopped_does_not_take_its_device_for_lost():
         found.append(progress.still_s(7))
     assert found == pytest.approx([0.02, 0.04, 0.24, 0.26])
     assert progress.still_s(8) == 0
+
+
+def test_keeper_asked_again_to_stop_does_not_leave_the_device_to_a_driver_that_hangs():
+    """The next run was told that another process uses the device."""
+    link = Mock(opened=True, started=True, underflows_s=[])
+    link.stop.side_effect = KeyboardInterrupt
+    bench = Bench()
+    bench.keeper._make_link = lambda request: link
+    bench.run(1)
+    with pytest.raises(KeyboardInterrupt):
+        bench.keeper.stop()
+    link.discard.assert_called_once_with()

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from gnuradio.wiforce.errors import InputError, OutputError
 from machine import wait_until
 from wiforce_app.shell.options import worker_options
-from wiforce_app.shell.workers import WorkerLost, run_tasks, spawned
+from wiforce_app.shell.workers import WorkerLost, end_within, run_tasks, spawned
 
 
 def square_or_fail(number):
@@ -118,3 +118,17 @@ def test_process_beside_the_command_gets_none_of_its_signals(tmp_path, monkeypat
         assert said.read() == b"runs"
     assert process.wait(60) == 0
     assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
+
+
+def test_process_that_hangs_is_killed_where_the_wait_for_it_is_interrupted(monkeypatch):
+    """After a second Ctrl-C, a driver that hung kept its device from the next run."""
+    process = subprocess.Popen([sys.executable, "-S", "-c", "import time; time.sleep(60)"])
+
+    def interrupted(limit_s):
+        monkeypatch.undo()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(process, "wait", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        end_within(process, 30)
+    assert process.poll() == -signal.SIGKILL
