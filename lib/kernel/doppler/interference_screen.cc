@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "interference_screen.h"
-#include "order_statistics.h"
 
 #include <algorithm>
 #include <cmath>

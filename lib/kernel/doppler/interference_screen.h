@@ -3,7 +3,7 @@
 
 #include "../fold/phase_group.h"
 #include "narrow_band_screen.h"
-#include "recent_level.h"
+#include "order_statistics.h"
 
 #include <limits>
 #include <vector>

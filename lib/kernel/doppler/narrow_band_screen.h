@@ -3,7 +3,7 @@
 
 #include "../fold/phase_group.h"
 #include "../fourier/fourier_transform.h"
-#include "recent_level.h"
+#include "order_statistics.h"
 
 #include <cstdint>
 #include <vector>
