@@ -7,8 +7,7 @@ from datetime import datetime, timezone
 import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture.names import recording_stem
-from gnuradio.wiforce.io.files.rotation import Rotation
-from gnuradio.wiforce.io.files.writers import open_writer
+from gnuradio.wiforce.io.files.writers import Rotation, open_writer
 from gnuradio.wiforce.io.network import host_and_port
 from gnuradio.wiforce.io.network.zmq_sockets import (
     ReadingsPublisher,

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from command_runs import rows_of
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.files.rotation import Rotation
-from gnuradio.wiforce.io.files.writers import RotatingWriter, open_writer
+from gnuradio.wiforce.io.files.writers import RotatingWriter, Rotation, open_writer
 from gnuradio.wiforce.io.outputs import Outputs
 from gnuradio.wiforce.io.readings import (
     COLUMNS,
