@@ -15,7 +15,7 @@ import click
 from gnuradio.wiforce.calibration.gauges import ForceGauge, parse_force, unit_n
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.optional import optional_module
-from gnuradio.wiforce.press.uncalibrated_readings import uncalibrated_readings
+from gnuradio.wiforce.press.sensor_readout import uncalibrated_readings
 
 # Length of a measurement: a person can hold a press still for half a second.
 _MEASURE_S = 0.5

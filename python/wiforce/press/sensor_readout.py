@@ -10,11 +10,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..estimation.groups import Array, Groups
-from ..io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Flag, flag_bits
-from ..wiforce_kernels import press_reading
+from ..estimation.phases.off_state import corrected_phase_deg
+from ..io.readings import (
+    ESTIMATES,
+    WEAK_FORCE_N,
+    WEAK_PHASE_DEG,
+    Flag,
+    Reading,
+    flag_bits,
+    flag_words,
+)
+from ..wiforce_kernels import press_reading, sensor_groups
 from .evidence import Suspicion
-from .sensor_state import DOUBT, SensorState
-from .stage_flags import stages_of
+from .sensor_state import CLAIMED, DOUBT, SensorState
 
 if TYPE_CHECKING:
     from ..sensor.model import SensorModel
@@ -27,7 +35,8 @@ ARRAYS = "touch", "phases_deg", "psi_std_deg", *ESTIMATES, "flags"
 # on nearly the same clock where no other flag shows it (tests/rooms).
 _LEFT_ON_LINES_DB = 15.0
 _SATURATED = Flag.SATURATED.value
-# Flags of a reading, in the order of the kernel.
+# Flags of the stages before, and those of a reading, in the order of the kernel.
+_STAGE_FLAGS = Flag.REFERENCE, Flag.GAP, Flag.SATURATED, Flag.MOVED, Flag.INCONSISTENT
 _FLAGS = (
     Flag.TRANSITION,
     Flag.WEAK,
@@ -64,7 +73,7 @@ class SensorReadout:
     ) -> None:
         self._period_s = group_period_s
         least_snr_db = -math.inf if surveyed_snr_db is None else surveyed_snr_db - _LEFT_ON_LINES_DB
-        self._stages = stages_of(group_period_s, least_snr_db, in_lamps)
+        self._stages = _stages_of(group_period_s, least_snr_db, in_lamps)
         off = np.broadcast_to(np.asarray(off_reflection, complex), 2)
         inverter = model.inverter(frequency_hz)
         self._reading = press_reading(
@@ -132,3 +141,64 @@ class SensorReadout:
                 for name, value in zip(ESTIMATES, found, strict=True):
                     row[name] = value if math.isfinite(value) else math.nan
                 row["flags"] |= flag_bits(words)
+
+
+def _stages_of(
+    group_period_s: float, least_snr_db: float = -math.inf, in_lamps: bool = False
+) -> sensor_groups:
+    """What takes the arrays of a batch for a sensor: observations of its phases, flags, SNR.
+
+    Something is received on the tag's own lines that is no noise where the SNR is less than
+    ``least_snr_db``, and ``in_lamps``.
+    """
+    bits = [flag.value for flag in _STAGE_FLAGS]
+    return sensor_groups(group_period_s, bits, CLAIMED, least_snr_db, in_lamps)
+
+
+# Change of a phase by which the line is touched. The shorted line differs from the open one by much
+# more at one end at least (docs/sensors.md), drift between two tares by much less.
+_TOUCHED_DEG = 6.0
+
+
+def uncalibrated_readings(
+    groups: Groups,
+    sensor: int,
+    name: str,
+    untouched_deg: ArrayLike,
+    off_reflection: ArrayLike,
+    group_period_s: float,
+) -> list[Reading]:
+    """Touch, phases and flags of one sensor, without force and location; one reading per group.
+
+    The tag is known not to move, and the sensor not known yet. The reader tells a touch from a
+    motion of the tag by the model of the sensor: a press in the middle of the line changes both
+    phases alike, as a motion does. Before a sensor is calibrated there is no model to decide by. A
+    tag that lies still, as during a calibration, needs none.
+
+    ``untouched_deg`` is psi_10 and psi_20, ``off_reflection`` G_off / rho, per switch where they
+    differ. Phases refer to the untouched reference alone: no drift is subtracted.
+    """
+    ends = slice(2 * sensor, 2 * sensor + 2)
+    ratios = groups.ratios[:, ends]
+    _, known = _stages_of(group_period_s).of(vars(groups), sensor, np.zeros((len(groups), 3)))
+    with np.errstate(invalid="ignore"):
+        phases, _ = corrected_phase_deg(ratios, untouched_deg, off_reflection)
+    touched = np.abs(np.degrees(np.angle(ratios))).max(axis=1) > _TOUCHED_DEG
+    readings = []
+    for row, each in enumerate(known):
+        found = (None, None, None)
+        if each["readable"]:
+            found = (int(touched[row]), *phases[row].tolist())
+        readings.append(
+            Reading(
+                (int(each["group"]) + 0.5) * group_period_s,
+                name,
+                found[0],
+                phase1_deg=found[1],
+                phase2_deg=found[2],
+                flags=flag_words(int(each["flags"])),
+                group=int(each["group"]),
+                interference=float(each["interference"]),
+            )
+        )
+    return readings

@@ -15,10 +15,12 @@ from ..io.readings import WEAK_PHASE_DEG
 from ..wiforce_kernels import press_filter
 from .evidence import PressEvidence
 from .explanations import MIXED, NOTHING, UNTOUCHED, later
-from .stage_flags import CLAIMED, FORCED
 
 # Probability of an alternative from which on it is named; a reading is wrong at most so often.
 DOUBT = 0.01
+# Probability that a sensor is untouched where the user says so, and where a tare was forced
+# although it seemed to be touched.
+CLAIMED, FORCED = 0.999, 0.5
 # Why it is not known which phases are those of the untouched sensor.
 RETUNED = "the device was opened or tuned again"
 UNCLEAR = "it may have been touched while its reference was measured or forced"

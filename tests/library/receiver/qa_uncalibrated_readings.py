@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from gnuradio.wiforce.press.uncalibrated_readings import uncalibrated_readings
+from gnuradio.wiforce.press.sensor_readout import uncalibrated_readings
 from plain import averaged_groups
 
 UNTOUCHED = (-172.9, 170.0)
