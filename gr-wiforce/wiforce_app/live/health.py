@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from gnuradio.wiforce.io.readings import Reading, written_utc
 from gnuradio.wiforce.press.sensor_state import PATIENCE_S, describe_silence
 
-from ..shell.log import log
+from ..shell.log import WarningPace, log
 from .radio_keeper import OPENING, RECONNECTING, RUNNING, STOPPING, RadioKeeper
-from .requests import WarningPace
 from .session import LiveSession
 
 # Without samples for this long the device counts as lost; it sends packets every millisecond.

@@ -11,9 +11,8 @@ import click
 from gnuradio.wiforce.io.readings import Reading
 
 from ..read.recordings import RoomNews, describe_events, describe_loss
-from ..shell.log import log
+from ..shell.log import WarningPace, log
 from .health import RunHealth
-from .requests import WarningPace
 from .session import LiveSession
 
 _LINE_S = 0.5

@@ -8,8 +8,7 @@ from gnuradio.wiforce.errors import InputError
 
 from ..radio.link import RadioLink
 from ..radio.request import DeviceAbsent, DeviceLost, RadioRequest
-from ..shell.log import log
-from .requests import WarningPace
+from ..shell.log import WarningPace, log
 from .session import LiveSession
 
 OPENING, RUNNING, RECONNECTING, STOPPING = "opening", "running", "reconnecting", "stopping"

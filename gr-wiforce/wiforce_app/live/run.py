@@ -1,28 +1,31 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A live run: a session with its device, outputs and requests, from its start to its end."""
 
+import json
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
 
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.network.zmq_sockets import Replies, ServerKeys
+from gnuradio.wiforce.io.network.zmq_sockets import Replies, ServerKeys, answer_words
 from gnuradio.wiforce.io.outputs import Output, Outputs
 from gnuradio.wiforce.io.readings import Reading
+from gnuradio.wiforce.press.tares import TareState
 from gnuradio.wiforce.scene.schema import Scene
 
 from ..radio.link import RadioLink
 from ..radio.request import DeviceLost, RadioRequest, shorten_pauses
 from ..shell.interrupts import BAD_INPUT, FAILED
-from ..shell.log import log
+from ..shell.log import WarningPace, log
 from .health import Heartbeat, RunHealth, ServiceManager
 from .monitor import SessionMonitor
 from .radio_keeper import RadioKeeper, warn_of_oscillators
-from .requests import TareLog, serve_requests
 from .session import LiveSession
 
 _LOOK_S = 0.1
@@ -139,6 +142,68 @@ class LiveRun:
             self._ending.request("duration")
         elif searched_s >= max(self.duration_s, _LEAST_SEARCH_S):
             raise DeviceLost(f"no sounding frames found in {searched_s:.1f} s of samples")
+
+
+class TareLog:
+    """Requests tares, and says in the log what became of them, which no flood of them fills."""
+
+    def __init__(
+        self,
+        session: LiveSession,
+        log: Callable[[str], None],
+        now: Callable[[], float] = time.monotonic,
+    ):
+        self._session, self._log = session, log
+        self._pace = WarningPace(now)
+        self._logged: TareState | None = None
+
+    def request(self, force: bool = False, done: Callable[[TareState], None] | None = None):
+        """Request a tare; ``done`` is called in another thread with its outcome."""
+
+        def finish(state):
+            # Requests during a tare share it and its outcome.
+            if state is not self._logged and self._pace.allows(state.state):
+                forced = " (forced)" * state.forced
+                reason = f": {state.reason}" * bool(state.reason)
+                self._log(f"tare {state.state}{forced}{reason}")
+            self._logged = state
+            if done is not None:
+                done(state)
+
+        self._session.reader.tare(force, finish)
+
+
+def serve_requests(
+    endpoint: str,
+    tares: TareLog,
+    status: Callable[[], dict],
+    stop: Callable[[], None],
+    keys: ServerKeys | None = None,
+) -> Replies:
+    """Accept requests on a ZMQ socket: ``tare``, ``tare force``, ``status`` and ``stop``."""
+
+    def tare(force=False):
+        later = Future()
+
+        def done(state):
+            ok = state.state == "complete"
+            error = {} if ok else {"error": f"tare {state.state}: {state.reason}"}
+            later.set_result(json.dumps({"ok": ok, **error, **state.row()}))
+
+        tares.request(force, done)
+        return later
+
+    def end():
+        stop()
+        return {}
+
+    words = {
+        "tare": tare,
+        "tare force": lambda: tare(True),
+        "status": status,
+        "stop": end,
+    }
+    return Replies(endpoint, answer_words(words), keys=keys)
 
 
 class Ending:

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Messages and progress bars on standard error: for a person at a terminal, or for a journal."""
+"""Messages, their pace, and progress bars on standard error, for a terminal or a journal."""
 
 import contextlib
+import math
 import os
 import sys
+from collections.abc import Callable
 
 import click
 from gnuradio.wiforce.errors import printable
@@ -67,6 +69,27 @@ def is_journal() -> bool:
 
 
 log = Log()
+_SHORTEST_S, _LONGEST_S = 1.0, 600.0
+
+
+class WarningPace:
+    """Allows a kind of warning, after pauses that double from 1 s to 10 min while it goes on."""
+
+    def __init__(self, now: Callable[[], float]):
+        self._now = now
+        self._last_s: dict[str, float] = {}
+        self._pause_s: dict[str, float] = {}
+
+    def allows(self, kind: str) -> bool:
+        """Whether a warning that is due may be written now; if so, it counts as written."""
+        now, pause_s = self._now(), self._pause_s.get(kind, 0.0)
+        quiet_s = now - self._last_s.get(kind, -math.inf)
+        if quiet_s < pause_s:
+            return False
+        longer = quiet_s < 2 * max(pause_s, _SHORTEST_S)
+        self._pause_s[kind] = min(2 * pause_s, _LONGEST_S) if longer and pause_s else _SHORTEST_S
+        self._last_s[kind] = now
+        return True
 
 
 def rows_on_terminal(outputs):

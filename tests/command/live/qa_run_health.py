@@ -12,7 +12,7 @@ from gnuradio.wiforce.press.tares import TareState
 from wiforce_app.live.clients import problems_of
 from wiforce_app.live.health import RunHealth
 from wiforce_app.live.radio_keeper import OPENING, RECONNECTING, RUNNING, STOPPING
-from wiforce_app.live.requests import TareLog
+from wiforce_app.live.run import TareLog
 from wiforce_app.radio.streams import ClockComparison
 
 

@@ -12,8 +12,7 @@ from types import SimpleNamespace
 import pytest
 from wiforce_app.live.health import ServiceManager
 from wiforce_app.live.radio_keeper import OPENING, RUNNING
-from wiforce_app.live.requests import WarningPace
-from wiforce_app.shell.log import Log
+from wiforce_app.shell.log import Log, WarningPace
 
 ROOT = Path(__file__).resolve().parents[3]
 UNIT = ROOT / "gr-wiforce/systemd/gr-wiforce-live@.service.in"
