@@ -6,11 +6,15 @@
 the receiver itself. `shell` is what all of them share.
 """
 
+import gc
 import os
+import signal
 from importlib.util import find_spec
 from pathlib import Path
 
 import gnuradio
+
+from .shell.interrupts import INTERRUPTED
 
 
 def blas_settings(cpuinfo=Path("/proc/cpuinfo"), numpy=None):
@@ -45,3 +49,24 @@ _own = str(Path(__file__).parent.parent / "gnuradio")
 if isinstance(gnuradio.__path__, list) and _own in gnuradio.__path__:
     gnuradio.__path__.remove(_own)
     gnuradio.__path__.insert(0, _own)
+
+
+def run():
+    """Run the command as a process; returns its exit status.
+
+    Ctrl-C while the rest is loaded, which takes longer than typing it, ends the command by one
+    line, not by a traceback.
+    """
+    # A shell's background command ignores Ctrl-C, and goes on doing so.
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, _end)
+    # Or Python would search what it loads for cycles again and again, which takes 10 ms.
+    gc.disable()
+    from .main import run
+
+    return run()
+
+
+def _end(*_):
+    os.write(2, b"gr-wiforce: interrupted\n")
+    os._exit(INTERRUPTED)

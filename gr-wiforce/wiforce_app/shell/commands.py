@@ -30,7 +30,7 @@ class LazyGroup(click.Group):
             return None
         with _gnuradio_named(name):
             module = importlib.import_module(self._commands[name][0], self._package)
-        # What was loaded stays, and is never searched for cycles (:mod:`.start`).
+        # What was loaded stays, and is never searched for cycles (`run` of the package).
         gc.freeze()
         gc.enable()
         return getattr(module, name.replace("-", "_"))
