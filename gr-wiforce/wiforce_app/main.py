@@ -12,6 +12,7 @@ import traceback
 import warnings
 
 import click
+from gnuradio.wiforce._config import VERSION
 from gnuradio.wiforce.errors import InputError, OutputError
 
 from .shell.commands import LazyGroup
@@ -72,14 +73,6 @@ _PATH_ERRORS = {
 }
 
 
-def _print_version(ctx, _, asked):
-    if asked and not ctx.resilient_parsing:
-        from gnuradio.wiforce._config import VERSION
-
-        click.echo(f"{PROGRAM} {VERSION}")
-        ctx.exit()
-
-
 def _set_debug(ctx, _, asked):
     ctx.find_root().obj["debug"] = asked
     if asked:
@@ -96,14 +89,7 @@ def _set_debug(ctx, _, asked):
     epilog="Exit status: 0, 2 bad input, 1 failure, 130 Ctrl-C, 143 SIGTERM, 141 closed. What runs "
     "until interrupted (live, watch, emulate, read --follow) ends with 0 then.",
 )
-@click.option(
-    "--version",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_print_version,
-    help="Show the version and exit.",
-)
+@click.version_option(VERSION, message="%(prog)s %(version)s")
 @click.option(
     "--debug",
     is_flag=True,

@@ -193,15 +193,11 @@ def serve_requests(
         tares.request(force, done)
         return later
 
-    def end():
-        stop()
-        return {}
-
     words = {
         "tare": tare,
         "tare force": lambda: tare(True),
         "status": status,
-        "stop": end,
+        "stop": lambda: stop() or {},
     }
     return Replies(endpoint, answer_words(words), keys=keys)
 

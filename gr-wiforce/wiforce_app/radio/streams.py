@@ -134,7 +134,10 @@ class RadioStreams:
         self._start_s, self._frames = [0.0], None
         if radio.sink is not None:
             self._frames = self._source_of(radio, request)
-            self._transmission.connect(self._frames, *self._sent_as(radio), radio.sink)
+            conversion = []
+            if radio.item_type != "sc16":
+                conversion = [blocks.interleaved_short_to_complex(True, False, _SENT_SCALE)]
+            self._transmission.connect(self._frames, *conversion, radio.sink)
         self._alignment = None
         # Whether the samples begin with a frame. Those of a free transmitter the reader follows.
         self.aligned = request.aligned and not radio.starts_together and antennas == 1
@@ -157,12 +160,6 @@ class RadioStreams:
         integers = blocks.complex_to_interleaved_short(True, _RECEIVED_SCALE)
         self._reception.connect(port, integers)
         return integers, 0
-
-    def _sent_as(self, radio):
-        """What makes the sink's samples of 16-bit integers, a block or none."""
-        if radio.item_type == "sc16":
-            return []
-        return [blocks.interleaved_short_to_complex(True, False, _SENT_SCALE)]
 
     def _source_of(self, radio, request):
         """The frames to transmit, with their times where both ends start at one."""

@@ -12,8 +12,7 @@ import uuid
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import click
-from gnuradio.wiforce.errors import InputError, OutputError, printable
+from gnuradio.wiforce.errors import InputError, OutputError
 from gnuradio.wiforce.io.capture.names import find_captures
 from gnuradio.wiforce.io.files import format_of
 from gnuradio.wiforce.io.files.output_file import lock
@@ -22,7 +21,7 @@ from gnuradio.wiforce.io.readings import GroupCounts
 from gnuradio.wiforce.io.text.textfile import check_output, replacing
 
 from ..shell.interrupts import BAD_INPUT, FAILED, Interrupted
-from ..shell.log import PROGRAM, progress
+from ..shell.log import PROGRAM, log, progress
 from ..shell.workers import WorkerLost, run_tasks
 
 _RECORD = "captures.jsonl"  # of what was read into a folder
@@ -65,10 +64,10 @@ def read_many(given, scene, output, form, again, jobs, settings):
             if names:
                 rows = _join_parts(whole, [(name, folder / f"{name}.parquet") for name in names])
                 kept = f"{folder} is for a repeated run, and may be deleted"
-                _say(f"wrote {rows} readings to {whole}; {kept}")
+                log.info(f"wrote {rows} readings to {whole}; {kept}")
             else:
-                _say(f"{whole} was not written, since no capture could be read")
-    _say(str(summary))
+                log.info(f"{whole} was not written, since no capture could be read")
+    log.info(str(summary))
     return summary.status
 
 
@@ -82,10 +81,6 @@ def _protect_captures(tasks, whole):
                 state = os.stat(output)
                 if (state.st_dev, state.st_ino) in known:
                     raise InputError(output, "cannot be written (is one of the captures)")
-
-
-def _say(text):
-    click.echo(f"{PROGRAM}: {printable(text)}", err=True)
 
 
 def _run(tasks, jobs, journal, summary):
@@ -144,12 +139,12 @@ class _Summary:
         self._counts.add(outcome.result.counts)
         for message in outcome.result.messages:
             named = message if task.path in message else f"{task.name}: {message}"
-            _say(named)
+            log.info(named)
 
     def list_failures(self):
         """Print each capture that could not be read, and why."""
         for name, error in sorted(self.failures.items()):
-            _say(f"error: {name}: {_text_of(error)}")
+            log.info(f"error: {name}: {_text_of(error)}")
 
     @property
     def status(self):

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
@@ -123,12 +123,6 @@ def _end_children():
             process.join()
 
 
-def _prepare_worker():
-    """Leave Ctrl-C to the command, which ends its workers; end when it was killed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _end_with(multiprocessing.parent_process().join)
-
-
 def _outcome_of(function, task):
     """``result`` or ``error`` of a call, and its value, as they can be sent to another process."""
     try:
@@ -142,15 +136,16 @@ def _outcome_of(function, task):
         return "error", error
 
 
-def _end_with(gone: Callable[[], object]) -> None:
-    """End this process, as SIGTERM does, when ``gone`` returns since its command has ended."""
+def _prepare_worker():
+    """Leave Ctrl-C to the command, which ends its workers; end as by SIGTERM when it was killed."""
 
     def watch():
-        gone()
+        multiprocessing.parent_process().join()
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(_END_S)
         os._exit(_TERMINATED)
 
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Nothing is to be removed yet, and an exception here would be printed.
     signal.signal(signal.SIGTERM, lambda *_: os._exit(_TERMINATED))
     threading.Thread(target=watch, daemon=True).start()

@@ -374,10 +374,6 @@ class sample_sender(Kept, gr.sync_block):
         self.waiting = self.ended = False
         self.sent = 0
 
-    def end(self) -> None:
-        """Send nothing any more, not even the rest of a packet."""
-        self.ended = True
-
     def work(self, input_items: list[Array], _: list[Array]) -> int:
         count = len(input_items[0])
         samples = input_items[0] if len(input_items) == 1 else np.concatenate(input_items, axis=1)

@@ -62,11 +62,6 @@ class Capture:
         return sum(end < of.global_index for end, of in zip(ends, self.segments[1:], strict=False))
 
     @property
-    def cut_bytes(self) -> int:
-        """Bytes of a last sample that the file does not hold completely."""
-        return self.path.stat().st_size % DATATYPES[self.datatype].sample_bytes
-
-    @property
     def incomplete(self) -> str:
         """A sentence if the file ends before what its metadata state, or within a sample."""
         if lacking := max(0, self.stated_samples - self.samples):
@@ -74,7 +69,7 @@ class Capture:
                 f"ends {lacking} samples before the {self.stated_samples} that its metadata state: "
                 "only a part of it is read; was it copied completely, or is it still written?"
             )
-        if cut := self.cut_bytes:
+        if cut := self.path.stat().st_size % DATATYPES[self.datatype].sample_bytes:
             left = "1 byte is" if cut == 1 else f"{cut} bytes are"
             return f"ends within a sample, of which {left} left out; is it whole?"
         return ""

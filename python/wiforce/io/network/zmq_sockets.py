@@ -263,25 +263,20 @@ class Replies(_Endpoint):
         self._later: list[tuple[list[bytes], Future[str]]] = []
         super().__init__(endpoint, "--control", keys)
 
-    def fileno(self) -> int:
-        """Descriptor that becomes readable when requests may have come in."""
-        return self._socket.fileno()
-
-    def serve(self, most: int) -> bool:
-        """Answer so many requests at most, and what was due, without waiting; whether more wait."""
+    def serve(self, most: int) -> None:
+        """Answer so many requests at most, and what was due, without waiting."""
         waiting, self._later = self._later, []
         for address, later in waiting:
             self._give(address, later)
         for _ in range(most):
             if not self._socket.poll(0):
-                return False
+                return
             parts = self._socket.recv_multipart()
             if b"" not in parts[1:]:
                 continue  # nothing says where the peer's address ends
             begin = parts.index(b"", 1) + 1
             text = b" ".join(parts[begin:]).decode("utf-8", "replace").strip()
             self._give(parts[:begin], self._answer(text))
-        return True
 
     def _give(self, address: list[bytes], answer: Answer) -> None:
         """Send an answer, or keep one that is not given yet."""
