@@ -6,6 +6,7 @@ import math
 import os
 import sys
 from collections.abc import Callable
+from functools import partialmethod
 
 import click
 from gnuradio.wiforce.errors import printable
@@ -41,21 +42,10 @@ class Log:
         with contextlib.suppress(OSError):
             click.echo(start + line, err=True)
 
-    def error(self, text: str) -> None:
-        """What ends the program."""
-        self.write("error", text)
-
-    def warning(self, text: str) -> None:
-        """What makes readings worse, or may soon."""
-        self.write("warning", text)
-
-    def info(self, text: str) -> None:
-        """What happened in normal operation."""
-        self.write("info", text)
-
-    def debug(self, text: str) -> None:
-        """Details for the search of an error."""
-        self.write("debug", text)
+    error = partialmethod(write, "error")  # what ends the program
+    warning = partialmethod(write, "warning")  # what makes readings worse, or may soon
+    info = partialmethod(write, "info")  # what happened in normal operation
+    debug = partialmethod(write, "debug")  # details for the search of an error
 
 
 def is_journal() -> bool:

@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 import pyqtgraph as pg
-from PyQt5.QtCore import QSize, Qt, QTimer
+from PyQt5.QtCore import QSize, Qt
 from PyQt5.QtWidgets import QVBoxLayout
 
 from ..errors import InputError
@@ -23,7 +23,7 @@ class _OnePlot(Display):
     """A plot that is drawn again five times per second."""
 
     def __init__(self, left: str, bottom: str, title: str | None, size: QSize) -> None:
-        super().__init__()
+        super().__init__(_REFRESH_MS)
         self._size = size
         self._plot = time_plot(left)
         self._plot.setLabel("bottom", bottom)
@@ -32,13 +32,6 @@ class _OnePlot(Display):
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(self._plot)
-        self._timer = QTimer(self)
-        self._timer.timeout.connect(self.refresh)
-        self._timer.start(_REFRESH_MS)
-
-    def refresh(self) -> None:
-        """Redraw."""
-        raise NotImplementedError
 
     def sizeHint(self) -> QSize:
         return self._size

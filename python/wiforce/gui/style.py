@@ -39,12 +39,22 @@ def time_plot(label: str) -> pg.PlotWidget:
 
 
 class Display(QWidget):
-    """A widget that is seen whole when its window opens, also in the scroll areas of Companion."""
+    """A widget that is redrawn now and then, and seen whole when its window opens.
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    Also in the scroll areas of Companion.
+    """
+
+    def __init__(self, every_ms: int, parent: QWidget | None = None) -> None:
         if QApplication.instance() is None:  # Qt itself ends the process
             raise RuntimeError(f"{type(self).__name__}: a QApplication must exist")
         super().__init__(parent)
+        self._timer = QTimer(self)
+        self._timer.timeout.connect(self.refresh)
+        self._timer.start(every_ms)
+
+    def refresh(self) -> None:
+        """Redraw."""
+        raise NotImplementedError
 
     def showEvent(self, event: QShowEvent) -> None:
         super().showEvent(event)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from PyQt5.QtCore import QSize, Qt, QTimer, pyqtSignal
+from PyQt5.QtCore import QSize, Qt, pyqtSignal
 from PyQt5.QtGui import QPalette, QResizeEvent
 from PyQt5.QtWidgets import (
     QHBoxLayout,
@@ -209,7 +209,7 @@ class ForceDisplay(Display):
         for name, value in sizes.items():
             if not 0 < value < np.inf:
                 raise InputError(name, "must be positive", value)
-        super().__init__(parent)
+        super().__init__(_REFRESH_MS, parent)
         self._length_mm = float(length_mm)
         self._force_span_n = float(force_span_n)
         self._history_s = float(history_s)
@@ -223,9 +223,6 @@ class ForceDisplay(Display):
         self._count = 0
         self._late: Callable[[], Iterable[Any]] | None = None
         self._build()
-        self._timer = QTimer(self)
-        self._timer.timeout.connect(self.refresh)
-        self._timer.start(_REFRESH_MS)
 
     def add(self, reading: Any) -> None:
         """Show a reading at the next refresh. May be called from any thread.
