@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The driver ``uhd``: a USRP, through GNU Radio's UHD blocks."""
 
-from gnuradio.wiforce.blocks.usrp import first_gain_db
+from gnuradio.wiforce.blocks.usrp import USRP_FINDER, first_gain_db
 
 from .radio import End, Radio, absent_rule, last_line, set_environment
 from .request import DeviceAbsent
@@ -94,7 +94,6 @@ class _UhdEnd(End):
 
 def _block(kind, option, args, channels=1):
     from gnuradio import uhd
-    from gnuradio.wiforce.blocks.usrp import USRP_FINDER
 
     stream = uhd.stream_args(cpu_format="sc16", otw_format="sc16", channels=list(range(channels)))
     try:
