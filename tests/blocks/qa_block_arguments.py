@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from gnuradio import gr, wiforce
 from gnuradio.wiforce import blocks
+from gnuradio.wiforce.blocks.frame_alignment import FrameSearch
 from gnuradio.wiforce.blocks.sample_files import capture_source
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.wiforce_kernels import tone_reader
@@ -26,6 +27,7 @@ RIGHT = {
     "sample_rate": 12.5e6,
     "carrier": 900e6,
     "frame_length": 720,
+    "search": FrameSearch(wiforce.sounding_waveform("repeated")),
     "stream": socket.socket(),
     "count": 1000,
 }

@@ -164,11 +164,7 @@ class sample_receiver(Kept, gr.sync_block):
 
     @typed
     def __init__(
-        self,
-        sample_rate: float,
-        frame_length: int,
-        search: FrameSearch | None = None,
-        antennas: int = 1,
+        self, sample_rate: float, frame_length: int, search: FrameSearch, antennas: int = 1
     ) -> None:
         signature = [(np.int16, 2)] * antennas
         gr.sync_block.__init__(self, "sample_receiver", in_sig=None, out_sig=signature)
@@ -199,7 +195,7 @@ class sample_receiver(Kept, gr.sync_block):
     def work(self, _: list[Array], output_items: list[Array]) -> int:
         self.called_s = time.monotonic()
         finished = self._finished  # before streams are looked for, which may still be attached
-        if not self._holds and self._stream is None and not self._take_next_stream():
+        if not self._search.holds and self._stream is None and not self._take_next_stream():
             return _DONE if finished else 0
         items = output_items[0]
         if self._antennas > 1:
@@ -214,8 +210,8 @@ class sample_receiver(Kept, gr.sync_block):
 
     def handle_general_work(self, most: int, *arguments: Any) -> int:
         search = self._search
-        found = search is None or (search.offset is not None and not search.holds)
-        if self._antennas > 1 or self._stream is None or not found:
+        searches = search.offset is None or search.holds
+        if self._antennas > 1 or self._stream is None or searches:
             return super().handle_general_work(most, *arguments)
         self.called_s = time.monotonic()
         return self._count_of(self._pass_on, most)
@@ -230,22 +226,17 @@ class sample_receiver(Kept, gr.sync_block):
             self._drop_stream()
             return 0
 
-    @property
-    def _holds(self) -> bool:
-        return self._search is not None and self._search.holds
-
     def _put_out(self, out: Array) -> int:
         """Put out a part of a packet, or of what the search held; the number of samples."""
         search = self._search
-        if search is not None:
-            # The scheduler pauses a source that puts out nothing, which would lose samples.
-            while search.offset is None and not self._finished:
-                self._search_on(search, len(out))
-            if search.offset is None:
-                self._search_on(search, len(out))
-                return 0
-            if search.holds:
-                return search.put_out(self, out)
+        # The scheduler pauses a source that puts out nothing, which would lose samples.
+        while search.offset is None and not self._finished:
+            self._search_on(len(out))
+        if search.offset is None:
+            self._search_on(len(out))
+            return 0
+        if search.holds:
+            return search.put_out(self, out)
         assert self._packets is not None
         return self._tagged(*self._take(self._packets.read(out)))
 
@@ -255,17 +246,17 @@ class sample_receiver(Kept, gr.sync_block):
         return self._tagged(*self._take(self._packets.read_to(self.gateway, most)))
 
     def _tagged(self, count: int, tags: list[Tag]) -> int:
-        first = 0 if self._search is None else self._search.offset or 0
+        first = self._search.offset or 0
         for item, key, value in tags:
             for port in range(self._antennas):
                 self.add_item_tag(port, item - first, key, value)
         return count
 
-    def _search_on(self, search: FrameSearch, most: int) -> None:
-        items = np.empty((min(search.wanted, most), 2 * self._antennas), np.int16)
+    def _search_on(self, most: int) -> None:
+        items = np.empty((min(self._search.wanted, most), 2 * self._antennas), np.int16)
         assert self._packets is not None
         count, tags = self._take(self._packets.read(items))
-        search.take(items[:count], tags)
+        self._search.take(items[:count], tags)
 
     def stop(self) -> bool:
         self._drop_stream()
@@ -332,7 +323,7 @@ class sample_receiver(Kept, gr.sync_block):
         resumes = self.times.started
         mine = [tag for tag in due if tag.key == names.RX_TIME and tag.sample == 0]
         begins = (mine[0].seconds, mine[0].value) if mine else None
-        offset = self._search.offset if self._aligned and self._search is not None else None
+        offset = self._search.offset if self._aligned else 0
         times = self.times.begin(begins, offset or 0)
         for tag in mine:
             due.remove(tag)

@@ -38,6 +38,13 @@ def codes(count, seed=1):
     return np.random.default_rng(seed).integers(-9000, 9000, (count, 2), np.int16)
 
 
+def aligned():
+    """The search of a stream that begins with a frame."""
+    search = FrameSearch(sounding_waveform())
+    search.offset = 0
+    return search
+
+
 def received(receiver, feed):
     """Samples and tags that a receiver gives while ``feed()`` runs in another thread."""
     sink, feeding = blocks.vector_sink_s(2), threading.Thread(target=feed)
@@ -108,7 +115,7 @@ def test_sender_and_receiver_pass_all_samples_and_tags():
     source, sender, receiver = (
         array_source(sent, tags),
         sample_sender(theirs),
-        sample_receiver(RATE, FRAME),
+        sample_receiver(RATE, FRAME, aligned()),
     )
     receiver.attach(ours)
 
@@ -129,7 +136,7 @@ def test_sender_and_receiver_pass_all_samples_and_tags():
 @pytest.mark.parametrize("torn_bytes", [11, 4001])
 def test_receiver_stream_torn_in_a_packet_keeps_whole_samples_and_reads_the_next(torn_bytes):
     """A driver that crashes may leave any part of a packet behind."""
-    receiver = sample_receiver(RATE, FRAME)
+    receiver = sample_receiver(RATE, FRAME, aligned())
     first, torn, second = codes(1000, 1), codes(1000, 2), codes(900, 3)
     start = SampleTag("rx_time", 0, 3, 0.0)
     cut = packet(first, start) + packet(torn)[:torn_bytes]
@@ -211,7 +218,7 @@ def test_receiver_without_frames_ends_with_its_stream():
 
 def test_receiver_stream_that_hangs_in_a_packet_is_idle_and_not_behind():
     """A driver that hangs must be noticed, and not be mistaken for a blocked output."""
-    receiver = sample_receiver(RATE, FRAME)
+    receiver = sample_receiver(RATE, FRAME, aligned())
     ours, theirs = socket.socketpair()
     receiver.attach(ours)
     noticed = []
