@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -46,48 +45,44 @@ _OPEN_END = 0.05
 
 
 class PacketGroups:
-    """Packets to groups with their tones; ``time_s`` (n,) from the start of the first group.
+    """Packets to groups with their tones.
 
     ``untouched`` (K (A - 1),) is the reference without tags: a change of static paths rotates tags,
-    of ``hidden`` power over what a combination shows. ``distorted`` leaves tags in the divisor.
+    of ``hidden`` power over what a combination shows.
     """
 
     def __init__(
         self,
         table: TimedTable,
-        time_s: Array,
         packets: DividedPackets,
         untouched: Array | None = None,
-        distorted: bool = False,
         hidden: float = 1.0,
     ) -> None:
-        self._untouched, self._distorted, self._hidden = untouched, distorted, hidden
-        self._table, self._time_s, self._packets = table, time_s, packets
-        self._period_s = table.group_period_s
+        self._untouched, self._hidden = untouched, hidden
+        self._table, self._packets = table, packets
 
     def read(self, first: int, stop: int) -> Groups:
         """Groups ``first`` to ``stop``, with ``timed``; those without a packet are left out."""
-        bounds = np.searchsorted(self._time_s, np.arange(first, stop + 1) * self._period_s)
-        found = [i for i in range(stop - first) if bounds[i + 1] > bounds[i]]
         packets = self._packets
-        channel = packets.distorted if self._distorted else packets.combined
+        groups = packets.groups(first, stop, self._table.group_period_s)
+        found = [i for i, (rows, _) in enumerate(groups) if len(rows)]
         shape = len(found), len(self._table.tones), packets.combined.shape[1]
         tones, timed = np.zeros(shape, complex), np.empty(len(found), object)
         missing, rejected = np.zeros(len(found), np.int64), np.zeros(len(found))
         rotation = np.zeros(len(found))
         for row, i in enumerate(found):
-            rows = np.arange(bounds[i], bounds[i + 1])
-            times_s = self._time_s[rows] - (first + i + 0.5) * self._period_s
+            rows, times_s = groups[i]
             kept = _inliers(packets, rows)
             rejected[row] = np.mean(~kept)
-            timed[row] = self._table.at(times_s[kept], packets.state[rows[kept]])
-            if timed[row] is not None:
-                tones[row] = timed[row].apply(channel[rows[kept]].astype(complex))
-            if self._untouched is not None and kept.any():
-                rotation[row] = self._rotation_deg(rows[kept])
-            missing[row] = self._missing(times_s[kept])
+            rows, times_s = rows[kept], times_s[kept]
+            timed[row] = self._table.at(times_s, packets.state[rows])
             if timed[row] is None:
                 missing[row] = self._table.group_length
+            else:
+                tones[row] = timed[row].apply(packets.combined[rows].astype(complex))
+                missing[row] = self._missing(times_s)
+            if self._untouched is not None and len(rows):
+                rotation[row] = self._rotation_deg(rows)
         index = np.array(found, np.int64) + first
         return Groups(
             index, tones, missing, timed=timed, interference=rejected, common_std_deg=rotation
@@ -95,10 +90,10 @@ class PacketGroups:
 
     def _missing(self, times_s: Array) -> int:
         """Packets that a group lacks, where it lacks so many that its reading is flagged."""
-        typical, half_s = self._table.group_length, self._period_s / 2
-        gaps_s = np.diff(np.concatenate([[-half_s], times_s, [half_s]]))
+        typical, period_s = self._table.group_length, self._table.group_period_s
+        gaps_s = np.diff(np.concatenate([[-period_s / 2], times_s, [period_s / 2]]))
         lacking = max(typical - len(times_s), 0)
-        if gaps_s.max() > _LONGEST_GAP * self._period_s:
+        if gaps_s.max() > _LONGEST_GAP * period_s:
             return max(lacking, 1)
         return lacking if lacking > _LACKING_SHARE * typical else 0
 
@@ -160,15 +155,15 @@ class SnapshotReader(CaptureReader):
         groups = int(time_s[-1] / plan.group_period_s + _OPEN_END)
         super().__init__(recording.path, plan, groups)
         free = plan.require_scene().environment.reader_clock == "free"
-        self._plans: _PacketPlans | None = None
+        self._plans: list[Plan] = []  # one for each clutter band that may suit the packets
         self.notes = [*recording.notes]
         with self._one_thread():
             if free:
                 self._read_antennas(plan, time_s)
             else:
-                packets = undivided(recording.channel)
-                self.plan = self._fitted(plan, time_s, packets)
-                self.source = PacketGroups(_table_of(self.plan), time_s, packets)
+                packets = undivided(recording.channel, time_s)
+                self.plan = self._fitted(plan, packets)
+                self.source = PacketGroups(_table_of(self.plan), packets)
         if interval := self._interval_note(self.plan):
             self.notes.insert(0, interval)
         self.receiver = Receiver(self.plan, tracked, derotated=False)
@@ -182,15 +177,14 @@ class SnapshotReader(CaptureReader):
         def solve(channels: PacketChannels, former: _Round | None, weighted: bool) -> _Round:
             parts = former.solved.parts if former else None
             packets = channels.divide(parts)
-            fitted = self._fitted(plan, time_s, packets)
+            fitted = self._fitted(plan, packets)
             table, combination = _table_of(fitted), channels.combination
             mean = packets.static[untouched & (packets.state >= 0)].mean(axis=0)
-            distorted = PacketGroups(table, time_s, packets, mean, distorted=True)
+            distorted = PacketGroups(table, replace(packets, combined=packets.distorted), mean)
             precision = None
             if weighted:
                 known = parts.known if parts else np.zeros(len(time_s), bool)
-                noise = shared_noise(packets, combination.shared, known, time_s, table)
-                precision = noise.precision
+                precision = shared_noise(packets, combination.shared, known, table).precision
             separator = EndSeparator(table, fitted.clocks, fitted.waveform, derotated=False)
             separated = [
                 separator.process(distorted.read(first, min(first + _BATCH, self.groups)))
@@ -199,7 +193,6 @@ class SnapshotReader(CaptureReader):
             solved = solve_tags(
                 Groups.concatenate([*separated, separator.flush()]),
                 packets,
-                time_s,
                 table,
                 fitted.clocks,
                 fitted.waveform.averaging_s,
@@ -249,19 +242,16 @@ class SnapshotReader(CaptureReader):
             )
         table = _table_of(now.plan)
         known = now.solved.parts.known
-        noise = shared_noise(now.packets, now.combination.shared, known, time_s, table)
-        packets = noise.removed(now.packets)
-        hidden = now.combination.hidden
-        self.source = PacketGroups(table, time_s, packets, now.untouched, hidden=hidden)
+        noise = shared_noise(now.packets, now.combination.shared, known, table)
+        packets, hidden = noise.removed(now.packets), now.combination.hidden
+        self.source = PacketGroups(table, packets, now.untouched, hidden)
         self.plan = now.plan.stating(tag_ratios=now.ratios)
 
-    def _fitted(self, plan: Plan, time_s: Array, packets: DividedPackets) -> Plan:
+    def _fitted(self, plan: Plan, packets: DividedPackets) -> Plan:
         try:
-            if self._plans is None:
-                hertz = self._recording.subcarrier_hz
-                channels = packets.combined.shape[1] // len(hertz)
-                self._plans = _PacketPlans(plan, hertz, time_s, channels)
-            return self._plans.best(packets)
+            if not self._plans:
+                self._plans = _packet_plans(plan, self._recording.subcarrier_hz, packets)
+            return _best_plan(self._plans, packets)
         except InputError as error:
             # Times in another unit leave groups nearly empty, which the rule of the plan hides.
             note = self._interval_note(plan)
@@ -297,70 +287,63 @@ def _table_of(plan: Plan) -> TimedTable:
     return plan.table
 
 
-class _PacketPlans:
-    """Fits a plan to the times of packets: one for each clutter band that may suit them."""
-
-    def __init__(self, plan: Plan, subcarrier_hz: Array, time_s: Array, channels: int) -> None:
-        scene = plan.require_scene()
-        period_s = scene.group_period_s
-        groups = int(scene.reference_s / period_s)
-        bounds = np.searchsorted(time_s, np.arange(groups + 1) * period_s)
-        counts = np.diff(bounds)
-        filled = np.flatnonzero(counts >= _FEW * max(counts.mean(), 1))
-        order = filled[np.argsort(counts[filled], kind="stable")]
-        if not order.size:
-            raise InputError("time_s", "must hold packets in reference_s, the untouched reference")
-        typical = int(order[len(order) // 2])
-        rows = slice(bounds[typical], bounds[typical + 1])
-        times_s = time_s[rows] - (typical + 0.5) * period_s
-        waveform = packet_waveform(
-            period_s / len(times_s), plan.waveform.averaging_s, subcarrier_hz, channels=channels
+def _packet_plans(plan: Plan, subcarrier_hz: Array, packets: DividedPackets) -> list[Plan]:
+    """Plans for the times of packets, by a typical group: one for each clutter band."""
+    scene, time_s = plan.require_scene(), packets.time_s
+    period_s = scene.group_period_s
+    groups = packets.groups(0, int(scene.reference_s / period_s), period_s)
+    counts = np.array([len(rows) for rows, _ in groups])
+    filled = np.flatnonzero(counts >= _FEW * max(counts.mean(), 1))
+    order = filled[np.argsort(counts[filled], kind="stable")]
+    if not order.size:
+        raise InputError("time_s", "must hold packets in reference_s, the untouched reference")
+    _, times_s = groups[order[len(order) // 2]]
+    waveform = packet_waveform(
+        period_s / len(times_s),
+        plan.waveform.averaging_s,
+        subcarrier_hz,
+        channels=packets.combined.shape[1] // len(subcarrier_hz),
+    )
+    changed = replace(plan, waveform=waveform, group_length=len(times_s), times_s=times_s)
+    try:
+        fitted = changed.with_clocks(plan.clocks)
+    except InputError as error:
+        if len(times_s) >= _FEW * plan.group_length:
+            raise
+        rule = (
+            f"must hold packets throughout reference_s: a typical group of it has "
+            f"{len(times_s)} of the {plan.group_length} of phase_group.snapshots, which do not "
+            f"determine the lines of the tags; {counts.sum()} of {len(time_s)} packets lie in "
+            "the reference"
         )
-        changed = replace(plan, waveform=waveform, group_length=len(times_s), times_s=times_s)
-        try:
-            self._plans = [changed.with_clocks(plan.clocks)]
-        except InputError as error:
-            if len(times_s) >= _FEW * plan.group_length:
-                raise
-            rule = (
-                f"must hold packets throughout reference_s: a typical group of it has "
-                f"{len(times_s)} of the {plan.group_length} of phase_group.snapshots, which do not "
-                f"determine the lines of the tags; {bounds[-1]} of {len(time_s)} packets lie in "
-                "the reference"
-            )
-            raise InputError("time_s", rule) from error
-        if scene.environment.moving_clutter_hz is None:
-            self._plans += _other_bands(self._plans[0])
-        looked_at = np.arange(min(changed.reference_groups, _BAND_GROUPS) + 1)
-        self._rows = [
-            slice(*ends) for ends in pairwise(np.searchsorted(time_s, looked_at * period_s))
-        ]
-        self._time_s = time_s
+        raise InputError("time_s", rule) from error
+    stated = scene.environment.moving_clutter_hz is not None
+    return [fitted] if stated else [fitted, *_other_bands(fitted)]
 
-    def best(self, packets: DividedPackets) -> Plan:
-        """The plan whose clutter band leaves the least noise in the untouched reference."""
-        best, *others = self._plans
-        if not others:
-            return best
-        least = self._tone_noise(best, packets)
-        for plan in others:
-            noise = self._tone_noise(plan, packets)
-            if noise < _WORTH_A_BAND * least:
-                best, least = plan, noise
-        return best
 
-    def _tone_noise(self, plan: Plan, packets: DividedPackets) -> float:
-        """Variance of the tones by the residual of some groups of the reference."""
-        table = _table_of(plan)
-        found = []
-        for group, rows in enumerate(self._rows):
-            states = packets.state[rows]
-            kept = states >= 0
-            times_s = self._time_s[rows][kept] - (group + 0.5) * table.group_period_s
-            noise = table.tone_noise(times_s, packets.combined[rows][kept], states[kept])
-            if noise is not None:
-                found.append(noise)
-        return float(np.median(found)) if found else np.inf
+def _best_plan(plans: list[Plan], packets: DividedPackets) -> Plan:
+    """The plan whose clutter band leaves the least noise in the untouched reference."""
+    best, *others = plans
+    least = _tone_noise(best, packets) if others else 0.0
+    for plan in others:
+        noise = _tone_noise(plan, packets)
+        if noise < _WORTH_A_BAND * least:
+            best, least = plan, noise
+    return best
+
+
+def _tone_noise(plan: Plan, packets: DividedPackets) -> float:
+    """Variance of the tones by the residual of some groups of the reference."""
+    table, found = _table_of(plan), []
+    looked_at = min(plan.reference_groups, _BAND_GROUPS)
+    for rows, times_s in packets.groups(0, looked_at, table.group_period_s):
+        own = packets.state[rows] >= 0
+        noise = table.tone_noise(
+            times_s[own], packets.combined[rows[own]], packets.state[rows[own]]
+        )
+        if noise is not None:
+            found.append(noise)
+    return float(np.median(found)) if found else np.inf
 
 
 def _other_bands(plan: Plan) -> list[Plan]:

@@ -60,7 +60,7 @@ def test_clock_of_a_tag_in_few_irregular_packets_errs_by_less_than_a_degree(seed
     table = timed_table([134.0], time_s[:90] - 0.5, 1.0)
     waveform = packet_waveform(1 / 90, 6.4e-6, 312.5e3 * np.arange(16))
     separator = EndSeparator(table, [TagClock(134.0)], waveform, derotated=False)
-    groups = PacketGroups(table, time_s, undivided(channel[:, :, None])).read(0, 24)
+    groups = PacketGroups(table, undivided(channel[:, :, None], time_s)).read(0, 24)
     found = Groups.concatenate([separator.process(groups), separator.flush()])
     assert len(found) == 24 and found.locked.all()
     error = found.clock_phase[:, 0] - 2 * np.pi * (rate_hz * (found.index + 0.5) + 0.3)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,86 +29,9 @@ LARGEST = 0.8
 _FAILED = 0.05
 
 
-def state_gains(
-    channel: Array, states: AntennaStates, time_s: Array, period_s: float, known: Array
-) -> Array:
-    """Factors (n, K, A) that bring antennas to the most frequent state of the chains.
-
-    ``known`` (n,) packets have no tags left in ``channel`` (n, K, A), others are taken as these of
-    their state. Static paths are compared period by period with those of other states at the
-    nearest time, so that neither drift nor a press is taken for a property of the state.
-    """
-    gains = np.ones(channel.shape, np.complex64)
-    if states.count < 2:
-        return gains
-    against = against_reference(channel, states.reference)
-    period, label = (time_s / period_s).astype(int), states.label
-    # All packets of a state of which none is known.
-    rows = np.flatnonzero((label >= 0) & (known | ~np.isin(label, label[known])))
-    where = label[rows], period[rows]
-    counts = np.zeros((states.count, period[-1] + 1), int)
-    np.add.at(counts, where, 1)
-    sums = np.zeros((*counts.shape, *channel.shape[1:]), complex)
-    np.add.at(sums, where, against[rows])
-    known_sums, known_count = sums[0], counts[0]
-    for state in range(1, states.count):
-        own, other = _well_known(counts[state]), _well_known(known_count)
-        near = other[np.argmin(np.abs(own[:, None] - other), axis=1)]
-        mean = sums[state, own] / counts[state, own, None, None]
-        known_mean = known_sums[near] / known_count[near, None, None]
-        weight = 1 / (1 / counts[state][own] + 1 / known_count[near])
-        product = np.einsum("p,pka,pka->ka", weight, mean.conj(), known_mean)
-        power = np.einsum("p,pka->ka", weight, np.abs(mean) ** 2)
-        gain = np.divide(product, power, out=np.ones_like(product), where=power > 0)
-        gains[label == state] = gain
-        known_sums = known_sums + gain * sums[state]
-        known_count = known_count + counts[state]
-    return gains
-
-
 def _well_known(count: Array) -> Array:
     """Periods with enough packets, or with the most of all."""
     return np.flatnonzero(count >= min(LEAST_PACKETS, count.max()))
-
-
-def drift_gains(
-    channel: Array,
-    reference: int,
-    time_s: Array,
-    untouched: Array,
-    period_s: float,
-    known: Array,
-) -> Array:
-    """Slow changes (n, A) of gain and phase between antennas, which turn a tag as a press does.
-
-    Antennas are to be divided by them; 1 where ``untouched`` or nothing drifts. Means of ``known``
-    packets against the reference antenna are compared with the untouched ones: what is the same on
-    all subcarriers is of the receiver, what is not is of the room and left in.
-    """
-    gains = np.ones((len(channel), channel.shape[2]), complex)
-    rows = np.flatnonzero(known)
-    if not (untouched & known).any():
-        return gains
-    _, first = np.unique((time_s[rows] / period_s).astype(int), return_index=True)
-    count = np.diff(np.append(first, len(rows)))
-    # A few packets show the tags instead of their means.
-    usable = count >= 0.5 * np.median(count)
-    at_s = (np.add.reduceat(time_s[rows], first) / count)[usable]
-    against = against_reference(channel[rows], reference)
-    for antenna in range(channel.shape[2]):
-        products = against[:, :, antenna]
-        untouched_mean = products[untouched[rows]].mean(axis=0)
-        mean = (np.add.reduceat(products, first, axis=0) / count[:, None])[usable]
-        power = max(float(np.sum(np.abs(untouched_mean) ** 2)), 1e-300)
-        gain = mean @ untouched_mean.conj() / power
-        change = np.abs(gain - 1) ** 2
-        own = np.sum(np.abs(mean - gain[:, None] * untouched_mean) ** 2, axis=1) / power
-        drifts = change.max() > LEAST_STEP**2 and own.sum() < OWN_SHARE * change.sum()
-        if antenna == reference or not drifts or np.abs(gain).min() < _FAILED:
-            continue
-        along = np.interp(time_s, at_s, gain.real) + 1j * np.interp(time_s, at_s, gain.imag)
-        gains[:, antenna] = along
-    return gains
 
 
 # Rounds in which static paths and the phases of packets are estimated from one another.
@@ -318,6 +242,7 @@ class TagParts:
 class DividedPackets:
     """Packets without what multiplies all antennas, or single ones."""
 
+    time_s: Array  # (n,), rising from the start of the first group
     # (n, K (A - 1)), combinations without a static path, in units of the static paths
     combined: Array
     distorted: Array  # the same divided by what packets hold along the static paths with tags
@@ -325,11 +250,18 @@ class DividedPackets:
     level: Array  # (n, K), logarithm of the magnitude along the static paths
     state: Array  # (n,), of the receiver chains
 
+    def groups(self, first: int, stop: int, period_s: float) -> list[tuple[Array, Array]]:
+        """Packets of each group from ``first`` on, and their times from its centre."""
+        bounds = np.searchsorted(self.time_s, np.arange(first, stop + 1) * period_s)
+        centers_s = (np.arange(first, stop) + 0.5) * period_s
+        rows = [np.arange(*ends) for ends in pairwise(bounds)]
+        return [(own, self.time_s[own] - at) for own, at in zip(rows, centers_s, strict=True)]
 
-def undivided(channel: Array) -> DividedPackets:
+
+def undivided(channel: Array, time_s: Array) -> DividedPackets:
     """Packets (n, K, A) of an instrument with one oscillator, which need not be divided."""
-    flat = channel.reshape(len(channel), -1)
-    return DividedPackets(flat, flat, flat, np.zeros((len(flat), 1)), np.zeros(len(flat), int))
+    flat, none = channel.reshape(len(channel), -1), np.zeros((len(channel), 1))
+    return DividedPackets(time_s, flat, flat, flat, none, np.zeros(len(flat), int))
 
 
 class PacketChannels:
@@ -353,10 +285,9 @@ class PacketChannels:
         step: float = TAG_STEP,
     ) -> None:
         self._received, self._time_s, self._untouched = channel, time_s, untouched
-        self._subcarrier_hz, self._period_s = subcarrier_hz, period_s
+        self._subcarrier_hz, self._period = subcarrier_hz, (time_s / period_s).astype(int)
         states = find_states(channel, subcarrier_hz, step)
-        known = np.ones(len(channel), bool)
-        self.combination = self._calibrated(channel, states, known, None)
+        self._calibrate(channel, states, np.ones(len(channel), bool), None)
 
     def divide(self, tags: TagParts | None = None) -> DividedPackets:
         """Packets without oscillator and receiver chains, with tags as known before."""
@@ -371,8 +302,7 @@ class PacketChannels:
                 self.combination.without(channel, *each) / self._gain
                 for each in zip(*parts, strict=True)
             ]
-            period = (self._time_s / self._period_s).astype(int)
-            switches = tags.known, tags.closed, period
+            switches = tags.known, tags.closed, self._period
             states, best = find_states_beside_tags(
                 np.array(every), self._subcarrier_hz, LEAST_STEP, *switches
             )
@@ -380,30 +310,92 @@ class PacketChannels:
             free, along, across = np.array(every)[taken], parts[0][taken], parts[1][taken]
             if not (self._untouched & (states.label >= 0)).any():
                 states = self.states  # without a packet of the reference, states are none
-            former = self.combination
-            self.combination = self._calibrated(free, states, tags.known, former)
+            self._calibrate(free, states, tags.known, self.combination)
         channel = self._received * self._gain
         combined = distorted = self.combination.process(channel)
         if along is not None:
             combined = self.combination.process(channel, along)
         level = np.log(np.maximum(np.abs(self.combination.direct(channel)), 1e-30))
-        return DividedPackets(combined, distorted, combined - across, level, self.states.label)
+        free = combined - across
+        return DividedPackets(self._time_s, combined, distorted, free, level, self.states.label)
 
-    def _calibrated(
-        self,
-        free: Array,
-        states: AntennaStates,
-        known: Array,
-        former: AntennaCombination | None,
-    ) -> AntennaCombination:
+    def _calibrate(
+        self, free: Array, states: AntennaStates, known: Array, former: AntennaCombination | None
+    ) -> None:
         """Measure what multiplies the antennas on packets of which the tags are known."""
         self.states, own = states, states.label >= 0
-        self._gain = state_gains(free, states, self._time_s, self._period_s, known)
-        along = self._time_s, self._untouched, self._period_s
-        drift = drift_gains(free * self._gain, states.reference, *along, known & own)
-        self._gain /= drift[:, None]
+        self._gain = self._state_gains(free, known)
+        self._gain /= self._drift_gains(free * self._gain, known & own)[:, None]
         rows = self._untouched & own
-        return AntennaCombination(free[rows] * self._gain[rows], self._subcarrier_hz, former)
+        channel = free[rows] * self._gain[rows]
+        self.combination = AntennaCombination(channel, self._subcarrier_hz, former)
+
+    def _state_gains(self, channel: Array, known: Array) -> Array:
+        """Factors (n, K, A) that bring antennas to the most frequent state of the chains.
+
+        ``known`` (n,) packets have no tags left in ``channel`` (n, K, A), others are taken as these
+        of their state. Static paths are compared period by period with those of other states at the
+        nearest time, so that neither drift nor a press is taken for a property of the state.
+        """
+        states, period, label = self.states, self._period, self.states.label
+        gains = np.ones(channel.shape, np.complex64)
+        if states.count < 2:
+            return gains
+        against = against_reference(channel, states.reference)
+        # All packets of a state of which none is known.
+        rows = np.flatnonzero((label >= 0) & (known | ~np.isin(label, label[known])))
+        where = label[rows], period[rows]
+        counts = np.zeros((states.count, period[-1] + 1), int)
+        np.add.at(counts, where, 1)
+        sums = np.zeros((*counts.shape, *channel.shape[1:]), complex)
+        np.add.at(sums, where, against[rows])
+        known_sums, known_count = sums[0], counts[0]
+        for state in range(1, states.count):
+            own, other = _well_known(counts[state]), _well_known(known_count)
+            near = other[np.argmin(np.abs(own[:, None] - other), axis=1)]
+            mean = sums[state, own] / counts[state, own, None, None]
+            known_mean = known_sums[near] / known_count[near, None, None]
+            weight = 1 / (1 / counts[state][own] + 1 / known_count[near])
+            product = np.einsum("p,pka,pka->ka", weight, mean.conj(), known_mean)
+            power = np.einsum("p,pka->ka", weight, np.abs(mean) ** 2)
+            gain = np.divide(product, power, out=np.ones_like(product), where=power > 0)
+            gains[label == state] = gain
+            known_sums = known_sums + gain * sums[state]
+            known_count = known_count + counts[state]
+        return gains
+
+    def _drift_gains(self, channel: Array, known: Array) -> Array:
+        """Slow changes (n, A) of gain and phase between antennas, which turn a tag as a press does.
+
+        Antennas are to be divided by them; 1 where untouched or nothing drifts. Means of ``known``
+        packets against the reference antenna are compared with the untouched ones: what is the same
+        on all subcarriers is of the receiver, what is not is of the room and left in.
+        """
+        gains = np.ones((len(channel), channel.shape[2]), complex)
+        rows, time_s, reference = np.flatnonzero(known), self._time_s, self.states.reference
+        untouched = self._untouched[rows]
+        if not untouched.any():
+            return gains
+        _, first = np.unique(self._period[rows], return_index=True)
+        count = np.diff(np.append(first, len(rows)))
+        # A few packets show the tags instead of their means.
+        usable = count >= 0.5 * np.median(count)
+        at_s = (np.add.reduceat(time_s[rows], first) / count)[usable]
+        against = against_reference(channel[rows], reference)
+        for antenna in range(channel.shape[2]):
+            products = against[:, :, antenna]
+            untouched_mean = products[untouched].mean(axis=0)
+            mean = (np.add.reduceat(products, first, axis=0) / count[:, None])[usable]
+            power = max(float(np.sum(np.abs(untouched_mean) ** 2)), 1e-300)
+            gain = mean @ untouched_mean.conj() / power
+            change = np.abs(gain - 1) ** 2
+            own = np.sum(np.abs(mean - gain[:, None] * untouched_mean) ** 2, axis=1) / power
+            drifts = change.max() > LEAST_STEP**2 and own.sum() < OWN_SHARE * change.sum()
+            if antenna == reference or not drifts or np.abs(gain).min() < _FAILED:
+                continue
+            along = np.interp(time_s, at_s, gain.real) + 1j * np.interp(time_s, at_s, gain.imag)
+            gains[:, antenna] = along
+        return gains
 
 
 # Frequencies beside a tone, in resolutions of a group, at which a tag has nothing.
@@ -426,7 +418,7 @@ class SharedNoise:
 
 
 def shared_noise(
-    packets: DividedPackets, shared: Array, known: Array, time_s: Array, table: TimedTable
+    packets: DividedPackets, shared: Array, known: Array, table: TimedTable
 ) -> SharedNoise:
     """Noise of the packets' combinations at the tags' lines.
 
@@ -434,7 +426,7 @@ def shared_noise(
     above the noise of all subcarriers. Noise D + B P B^H, with D by subcarrier and B in span of
     ``shared`` (C, A - 1), is transformed to D; both are measured beside the tones.
     """
-    parts = _beside_tones(packets.static, packets.state, known, time_s, table)
+    parts = _beside_tones(packets, known, table)
     each = np.eye(len(shared))
     if not parts:
         return SharedNoise(each, each)
@@ -463,14 +455,12 @@ def shared_noise(
     return SharedNoise(whiten, (whiten / own) @ whiten.conj().T)
 
 
-def _beside_tones(
-    static: Array, state: Array, known: Array, time_s: Array, table: TimedTable
-) -> list[Array]:
-    """Noise (N, C) of groups beside the tones, by a tag's power in each, of packets (n, C)."""
+def _beside_tones(packets: DividedPackets, known: Array, table: TimedTable) -> list[Array]:
+    """Noise (N, C) of groups beside the tones, by a tag's power in each."""
     period_s = table.group_period_s
-    bounds = np.searchsorted(time_s, np.arange(0, time_s[-1] + period_s, period_s))
-    whole = [(a, b) for a, b in zip(bounds[:-1], bounds[1:], strict=True) if b > a]
-    chosen = [(a, b) for a, b in whole if known[a:b].all()] or whole
+    groups = packets.groups(0, int(packets.time_s[-1] // period_s) + 1, period_s)
+    whole = [(rows, times_s) for rows, times_s in groups if len(rows)]
+    chosen = [each for each in whole if known[each[0]].all()] or whole
     lines = [tone for tone in table.tones if tone.frequency_hz > 0]
     orders = [[abs(line) for _, line in tone.owners] for tone in lines]
     power = np.array([np.sum(harmonics(order) ** 2) for order in orders])
@@ -478,13 +468,12 @@ def _beside_tones(
     found = []
     each = len(_BESIDE) * len(power)
     shifts_hz = [steps / period_s for steps in _BESIDE]
-    for first, last in chosen[:: -(-len(chosen) * each // _VALUES)]:
-        rows = np.arange(first, last)[state[first:last] >= 0]
-        center_s = (time_s[first] // period_s + 0.5) * period_s
+    for rows, times_s in chosen[:: -(-len(chosen) * each // _VALUES)]:
+        own = packets.state[rows] >= 0
         # What is left of a tag, of which little is known while it is weak, is no noise: its tones
         # are solved for as well.
-        weights = table.beside(time_s[rows] - center_s, state[rows], shifts_hz)
-        level, packets = np.sqrt(power * len(rows))[:, None], static[rows].astype(complex)
+        weights = table.beside(times_s[own], packets.state[rows[own]], shifts_hz)
+        level, static = np.sqrt(power * np.count_nonzero(own))[:, None], packets.static[rows[own]]
         if weights:
-            found.append(np.concatenate([level * each.apply(packets) for each in weights]))
+            found.append(np.concatenate([level * w.apply(static.astype(complex)) for w in weights]))
     return found

@@ -55,7 +55,6 @@ class SolvedTags:
 def solve_tags(
     groups: Groups,
     packets: DividedPackets,
-    time_s: Array,
     table: TimedTable,
     clocks: tuple[TagClock, ...],
     window_s: float,
@@ -68,18 +67,18 @@ def solve_tags(
     ``precision`` (C, C) is the inverse covariance of the noise, None for that of ``groups``. Tags
     are untouched in the first groups.
     """
-    count, subcarriers, channels = len(clocks), packets.level.shape[1], packets.combined.shape[1]
-    direct = np.zeros((count, subcarriers), np.complex64)
-    combined = np.zeros((count, channels), np.complex64)
-    reflection = np.zeros((len(_ASIDE), len(time_s), count), np.complex64)
-    closed = np.zeros((len(_ASIDE), len(time_s), 2 * count))
-    unknown = np.ones((len(time_s), count))
+    count, number = len(clocks), len(packets.time_s)
+    direct = np.zeros((count, packets.level.shape[1]), np.complex64)
+    combined = np.zeros((count, packets.combined.shape[1]), np.complex64)
+    reflection = np.zeros((len(_ASIDE), number, count), np.complex64)
+    closed = np.zeros((len(_ASIDE), number, 2 * count))
+    unknown = np.ones((number, count))
     uncertain: list[float] = []
     if len(groups):
         measured = groups.gain, groups.noise, groups.ends
         finite = [np.isfinite(each).reshape(len(groups), -1).all(axis=1) for each in measured]
         groups = groups[groups.locked.all(axis=1) & np.all(finite, axis=0)]
-    found = [_Group(row, packets, time_s, table, clocks, window_s) for row in groups]
+    found = [_Group(row, packets, table, clocks, window_s) for row in groups]
     for tag in range(count if len(groups) else 0):
         own = slice(2 * tag, 2 * tag + 2)
         solved = _Solution(groups, found, own, combination, reference_groups, precision)
@@ -114,16 +113,12 @@ class _Group:
         self,
         group: Groups,
         packets: DividedPackets,
-        time_s: Array,
         table: TimedTable,
         clocks: tuple[TagClock, ...],
         window_s: float,
     ) -> None:
-        period_s = table.group_period_s
-        start_s = float(group.index[0]) * period_s
-        bounds = np.searchsorted(time_s, [start_s, start_s + period_s])
-        self.rows = np.arange(*bounds)
-        times_s = time_s[self.rows] - start_s - period_s / 2
+        period_s, index = table.group_period_s, int(group.index[0])
+        ((self.rows, times_s),) = packets.groups(index, index + 1, period_s)
         closed = []
         for tag, clock in enumerate(clocks):
             rate = 2 * np.pi * clock.stated_hz * (1 + 1e-6 * group.clock_offset_ppm[0, tag])
