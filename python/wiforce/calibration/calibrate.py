@@ -123,10 +123,8 @@ def calibrate(
     Number(low=0, high=length_mm).read(ruler_std_mm, KeyPath("ruler_std_mm"), Scope())
     check_table(table, length_mm)
     assumed: list[str] = []
-    data = [
-        carrier_data(table, frequency, length_mm, permittivity, mirror, location_steps, assumed)
-        for frequency in carriers_of(table)
-    ]
+    settings = length_mm, permittivity, ruler_std_mm, mirror, location_steps, assumed
+    data = [carrier_data(table, frequency, *settings) for frequency in carriers_of(table)]
     if location_steps == "line":
         assumed.append(
             "movement with force as measured, location steps those of the line: at "
@@ -139,7 +137,7 @@ def calibrate(
     forces = np.concatenate([curve.force_n for d in data for curve in d.curves])
     knots = curves.force_knots(form, forces)
     fits = [fit_carrier(d, form, knots) for d in data]
-    validation |= contradicting_locations(fits, ruler_std_mm)
+    validation |= contradicting_locations(fits)
     suspected = suspicions(table, length_mm, permittivity) or [
         *map(wrong_location_text, validation.get("wrong", ())),
         *(text for fit in fits for text in find_untouched_scatter(fit) + find_wrong_rows(fit)),

@@ -161,6 +161,7 @@ class CarrierData:
     onset: tuple[float, float] | None
     length_mm: float
     permittivity: float
+    ruler_std_mm: float  # of the locations
 
     @property
     def slope(self) -> float:
@@ -198,6 +199,7 @@ def carrier_data(
     frequency: float,
     length_mm: float,
     permittivity: float,
+    ruler_std_mm: float,
     mirror: bool,
     location_steps: str,
     assumed: list[str],
@@ -235,6 +237,7 @@ def carrier_data(
         onset,
         length_mm,
         permittivity,
+        ruler_std_mm,
     )
     return _with_location_steps(data, location_steps)
 

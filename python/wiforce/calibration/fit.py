@@ -43,10 +43,12 @@ class CurveFitter:
     def __init__(self, form: str, knots_n: np.ndarray | None, samples: Samples) -> None:
         self.basis = curves.force_basis(form, knots_n)
         self.size = self.basis.size
-        # rows appended to the least squares, per root of the number of samples
-        self._penalty: np.ndarray | None = None
+        # Rows appended to the least squares, per root of the number of samples: curvature and, so
+        # that every coefficient is determined, a small ridge.
+        self._penalty = np.zeros((0, self.size))
         if isinstance(self.basis, curves.SplineBasis):
-            choices = [np.sqrt(weight) * self.basis.curvatures() for weight in _SMOOTHING]
+            curvatures, ridge = self.basis.curvatures(), _RIDGE * np.eye(self.size)
+            choices = [np.vstack([np.sqrt(w) * curvatures, ridge]) for w in _SMOOTHING]
             bases = [(self.basis(force), value) for force, value in samples]
             scores = [self._score(bases, penalty) for penalty in choices]
             self._penalty = choices[int(np.argmin(scores))]
@@ -69,7 +71,7 @@ class CurveFitter:
 
         That is a basis (K, f) of the directions that no bound holds.
         """
-        if self._penalty is None:
+        if not len(self._penalty):
             return np.linalg.lstsq(basis, value_deg, rcond=None)[0], np.eye(self.size)
         return _monotone(basis, self._penalty, value_deg)
 
@@ -77,10 +79,7 @@ class CurveFitter:
         """Fit a curve to samples (n,)."""
         basis = self.basis(force_n)
         coefficients, free = self.coefficients(basis, value_deg)
-        if self._penalty is None:
-            precision = basis.T @ basis
-        else:
-            precision = _penalised_normal(basis, self._penalty)
+        precision = _penalised_normal(basis, self._penalty)
         # As small a matrix as A has columns or rows, with the same squares.
         triangle = np.asarray(np.linalg.qr(basis @ free, mode="r"))
         smoother = triangle @ np.linalg.solve(free.T @ precision @ free, triangle.T)
@@ -100,14 +99,8 @@ class CurveFitter:
 
 
 def _penalised_normal(basis: np.ndarray, penalty: np.ndarray) -> np.ndarray:
-    rows = _penalty_rows(basis, penalty)
+    rows = np.sqrt(len(basis)) * penalty
     return basis.T @ basis + rows.T @ rows
-
-
-def _penalty_rows(basis: np.ndarray, penalty: np.ndarray) -> np.ndarray:
-    """Curvature and, so that every coefficient is determined, a small ridge."""
-    rows = np.vstack([penalty, _RIDGE * np.eye(basis.shape[1])])
-    return np.sqrt(len(basis)) * rows
 
 
 def _monotone(
@@ -118,9 +111,8 @@ def _monotone(
     A short widens with force; falling curves are allowed as measured sensors' far ends have them.
     """
     size = basis.shape[1]
-    rows = _penalty_rows(basis, penalty)
-    system = np.vstack([basis, rows])
-    right = np.concatenate([value, np.zeros(len(rows))])
+    system = np.vstack([basis, np.sqrt(len(basis)) * penalty])
+    right = np.concatenate([value, np.zeros(len(penalty))])
     # coefficients = first + cumulative sum of steps of one sign
     cumulate = np.tril(np.ones((size, size)))
     fits = []
@@ -150,16 +142,25 @@ _LARGEST_EXTENT_MM = 30.0
 class ContactValues:
     """Phases (2, J, n) that the contact adds at J locations and some forces; variance (2, J)."""
 
+    data: CarrierData
     location_mm: np.ndarray
     added_deg: np.ndarray
     variance_deg2: np.ndarray
 
     def without(self, index: int) -> "ContactValues":
         """Those of all locations but one."""
-        return ContactValues(
-            np.delete(self.location_mm, index),
-            np.delete(self.added_deg, index, axis=1),
-            np.delete(self.variance_deg2, index, axis=1),
+        place, added = np.delete(self.location_mm, index), np.delete(self.added_deg, index, axis=1)
+        return ContactValues(self.data, place, added, np.delete(self.variance_deg2, index, axis=1))
+
+    def interpolation(self) -> LocationInterpolation:
+        """How to go between these locations."""
+        slope = line.round_trip_deg_per_mm(self.data.frequency_hz)
+        return learn_interpolation(
+            self.location_mm,
+            self.data.length_mm,
+            self.added_deg,
+            np.mean(self.variance_deg2),
+            np.ptp(self.added_deg, axis=1).max() < _LARGEST_EXTENT_MM * slope,
         )
 
 
@@ -185,6 +186,7 @@ def fit_carrier(data: CarrierData, form: str, knots: np.ndarray | None) -> Carri
     covariance = covariance * np.square(noise)[:, None, None, None]
     basis = fitter.basis(compared_forces(data))
     contact = ContactValues(
+        data,
         data.location_mm,
         np.einsum("pjk,fk->pjf", coefficients, basis),
         np.einsum("fk,pjkm,fm->pj", basis, covariance, basis) / len(basis),
@@ -204,22 +206,10 @@ def fit_carrier(data: CarrierData, form: str, knots: np.ndarray | None) -> Carri
         covariance_deg2=covariance,
         noise_deg=noise,
         misfit_deg=misfit,
-        interpolation=interpolate(data, contact).transitions,
+        interpolation=contact.interpolation().transitions,
         hysteresis_n=None if difference_n is None else difference_n / 2,
     )
     return CarrierFit(data, fitter, fits, contact, carrier)
-
-
-def interpolate(data: CarrierData, contact: ContactValues) -> LocationInterpolation:
-    """How to go between some of the locations of a carrier's data."""
-    slope = line.round_trip_deg_per_mm(data.frequency_hz)
-    return learn_interpolation(
-        contact.location_mm,
-        data.length_mm,
-        contact.added_deg,
-        np.mean(contact.variance_deg2),
-        np.ptp(contact.added_deg, axis=1).max() < _LARGEST_EXTENT_MM * slope,
-    )
 
 
 # The difference between loading and unloading is a polynomial of this degree in force.

@@ -2,12 +2,12 @@
 """A guided calibration: its plan, its measurements, their file, and whether they fit."""
 
 import csv
-import datetime
 import io
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -74,9 +74,7 @@ class PressMeasurement:
     groups: int
     sweep: int = 1
     time_utc: str = field(
-        default_factory=lambda: datetime.datetime.now(datetime.timezone.utc).isoformat(
-            timespec="seconds"
-        )
+        default_factory=lambda: datetime.now(timezone.utc).isoformat(timespec="seconds")
     )
 
     @property
@@ -173,19 +171,9 @@ _LOW_PART, _HIGH_PART = 0.5, 1.25
 # Untouched phases of runs with the same scene agree within this: their difference is drift.
 _UNTOUCHED_DEG = 1.0
 _COLUMNS = (
-    "time_utc",
-    "sensor",
-    "freq_mhz",
-    "location_mm",
-    "force_n",
-    "force_std_n",
-    "phase1_deg",
-    "phase2_deg",
-    "phase1_std_deg",
-    "phase2_std_deg",
-    "groups",
-    "press",
-)
+    "time_utc sensor freq_mhz location_mm force_n force_std_n phase1_deg phase2_deg phase1_std_deg "
+    "phase2_std_deg groups press"
+).split()
 
 
 class Target(NamedTuple):

@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 from ..sensor import line
 from ..signal.carrier import wrap_deg
 from .data import CarrierData
-from .fit import CarrierFit, ContactValues, ForceCurve, interpolate
+from .fit import CarrierFit, ContactValues, ForceCurve
 
 # What an explanation may leave, and how much better another one must be, in standard deviations.
 _UNEXPECTED = 3.0
@@ -37,19 +37,17 @@ def contradictions(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]
     return [row for row in rows if row["rms_deg"] > _UNEXPECTED * row["expected_deg"]]
 
 
-def leave_locations_out(
-    data: CarrierData, contact: ContactValues, ruler_std_mm: float = 0.0
-) -> list[dict[str, Any]]:
+def leave_locations_out(contact: ContactValues) -> list[dict[str, Any]]:
     """Predict each inner location from the others: rms and expected deg by location and port."""
-    rows = []
+    data, rows = contact.data, []
     for j in range(1, len(contact.location_mm) - 1):
         others, place = contact.without(j), contact.location_mm[j]
-        interpolation, values = interpolate(data, others), np.moveaxis(others.added_deg, -1, 0)
+        interpolation, values = others.interpolation(), np.moveaxis(others.added_deg, -1, 0)
         weights = interpolation.weights(place)
         error = np.sum(weights * values, axis=-1) - contact.added_deg[:, j].T
         variance = np.mean(interpolation.variance(place, values), axis=0)
         # The errors of the ruler at this location and at those that predict it.
-        variance += (ruler_std_mm * data.slope) ** 2 * (1 + np.sum(weights**2, axis=-1))
+        variance += (data.ruler_std_mm * data.slope) ** 2 * (1 + np.sum(weights**2, axis=-1))
         both = zip((1, 2), np.mean(error**2, axis=0) ** 0.5, variance**0.5, strict=True)
         rows += [
             {
@@ -64,37 +62,31 @@ def leave_locations_out(
     return rows
 
 
-def contradicting_locations(
-    fits: Sequence[CarrierFit], ruler_std_mm: float
-) -> dict[str, list[dict[str, Any]]]:
+def contradicting_locations(fits: Sequence[CarrierFit]) -> dict[str, list[dict[str, Any]]]:
     """``locations``, rows of :func:`leave_locations_out` of all carriers, and ``wrong`` ones.
 
     These were exchanged with ``exchanged_mm`` (at one ``port``), or fit at ``fits_mm`` or nowhere.
     """
     locations, wrong = [], []
     for fitted in fits:
-        rows = leave_locations_out(fitted.data, fitted.contact, ruler_std_mm)
-        found = _exchanged_locations(fitted.data, fitted.contact, rows, ruler_std_mm)
-        found = found or _wrong_location(fitted, rows, ruler_std_mm)
+        rows = leave_locations_out(fitted.contact)
+        found = _exchanged_locations(fitted.contact, rows) or _wrong_location(fitted, rows)
         if found:
             wrong.append({"frequency_mhz": round(fitted.data.frequency_hz / 1e6, 6)} | found)
         locations += rows
     return {"locations": locations} | ({"wrong": wrong} if wrong else {})
 
 
-def _wrong_location(
-    fitted: CarrierFit, rows: Sequence[Mapping[str, Any]], ruler_std_mm: float
-) -> dict[str, Any] | None:
+def _wrong_location(fitted: CarrierFit, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
     """The location without which the others, its neighbours too, are predicted best."""
-    data, contact = fitted.data, fitted.contact
-    count = len(data.location_mm)
+    contact = fitted.contact
+    count = len(contact.location_mm)
     if count < _LEAST_TESTED or not contradictions(rows):
         return None
-    others = [leave_locations_out(data, contact.without(j), ruler_std_mm) for j in range(count)]
+    others = [leave_locations_out(contact.without(j)) for j in range(count)]
     worst = [max(row["rms_deg"] / row["expected_deg"] for row in left) for left in others]
     wrong = int(np.argmin(worst))
-    stated_mm = float(data.location_mm[wrong])
-    fits_mm = _place_among(fitted, wrong, ruler_std_mm)
+    stated_mm, fits_mm = float(contact.location_mm[wrong]), _place_among(fitted, wrong)
     near = fits_mm is not None and abs(fits_mm - stated_mm) <= _VAGUE_MM
     if worst[wrong] > _UNEXPECTED or near:
         return None
@@ -115,10 +107,7 @@ def wrong_location_text(row: Mapping[str, Any]) -> str:
 
 
 def _exchanged_locations(
-    data: CarrierData,
-    contact: ContactValues,
-    rows: Sequence[Mapping[str, Any]],
-    ruler_std_mm: float,
+    contact: ContactValues, rows: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any] | None:
     """Two locations whose exchange, at one ``port`` or both, explains the phases better."""
     if not rows:
@@ -126,11 +115,11 @@ def _exchanged_locations(
     # Along a line an exchange moves phases further apart, unless it takes another one back.
     pairs = combinations(range(len(contact.location_mm)), 2)
     tried = [((0, 0), (0, 1)), *product(pairs, ((0, 1), (0,), (1,)))]
-    values = [_exchange(data, contact, *pair, ports) for pair, ports in tried]
+    values = [_exchange(contact, *pair, ports) for pair, ports in tried]
     best = int(np.argmin([np.var(each.added_deg, axis=1).mean() for each in values]))
     if not best:  # as given
         return None
-    after = leave_locations_out(data, values[best], ruler_std_mm)
+    after = leave_locations_out(values[best])
     better = _is_better(_log_probability(after) - _log_probability(rows), len(tried) - 1)
     if not better or contradictions(after):
         return None
@@ -141,13 +130,13 @@ def _exchanged_locations(
 
 
 def _exchange(
-    data: CarrierData, contact: ContactValues, first: int, second: int, ports: tuple[int, ...]
+    contact: ContactValues, first: int, second: int, ports: tuple[int, ...]
 ) -> ContactValues:
     """The same with the phases of two locations exchanged, turns of 360 deg by the line."""
     order = np.arange(len(contact.location_mm))
     order[[first, second]] = second, first
     added, variance = contact.added_deg.copy(), contact.variance_deg2.copy()
-    shorts = _short_deg(data, contact.location_mm)
+    shorts = _short_deg(contact.data, contact.location_mm)
     for port in ports:
         short = shorts[:, port]
         values = added[port, order] + (short[order] - short)[:, None]
@@ -175,10 +164,10 @@ def _is_better(log_ratio: float, count: int) -> bool:
     return log_ratio - np.log(count) > 0.5 * _UNEXPECTED**2
 
 
-def _place_among(fitted: CarrierFit, wrong: int, ruler_std_mm: float) -> float | None:
+def _place_among(fitted: CarrierFit, wrong: int) -> float | None:
     """Where the other locations expect the phases of one, in mm; None where nowhere."""
     data, contact, others = fitted.data, fitted.contact, fitted.contact.without(wrong)
-    interpolation = interpolate(data, others)
+    interpolation = others.interpolation()
     places = np.arange(0.0, data.length_mm, _PLACE_STEP_MM)
     # By force, place and port.
     values = np.moveaxis(others.added_deg, -1, 0)[:, None]
@@ -187,7 +176,7 @@ def _place_among(fitted: CarrierFit, wrong: int, ruler_std_mm: float) -> float |
     square = np.mean(wrap_deg(measured[:, None] - predicted) ** 2, axis=(0, 2))
     best = int(np.argmin(square))
     expected = np.mean(interpolation.variance(places[best], values))
-    expected += np.mean(np.square(fitted.carrier.noise_deg)) + (ruler_std_mm * data.slope) ** 2
+    expected += np.mean(np.square(fitted.carrier.noise_deg)) + (data.ruler_std_mm * data.slope) ** 2
     return round(float(places[best]), 1) if square[best] <= _UNEXPECTED**2 * expected else None
 
 
