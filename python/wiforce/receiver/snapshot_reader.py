@@ -17,11 +17,12 @@ from ..estimation.packets.packet_channels import (
     AntennaCombination,
     DividedPackets,
     PacketChannels,
+    TagParts,
     rotation_std_deg,
     shared_noise,
     undivided,
 )
-from ..estimation.packets.tag_parts import SolvedTags, solve_tags
+from ..estimation.packets.tag_parts import solve_tags
 from ..io.capture.channel_snapshots import ChannelSnapshots
 from ..io.readings import Reading
 from ..planning.plan import Plan, PlanOrScene, as_plan
@@ -175,7 +176,7 @@ class SnapshotReader(CaptureReader):
         hertz = recording.subcarrier_hz
 
         def solve(channels: PacketChannels, former: _Round | None, weighted: bool) -> _Round:
-            parts = former.solved.parts if former else None
+            parts = former.tags if former else None
             packets = channels.divide(parts)
             fitted = self._fitted(plan, packets)
             table, combination = _table_of(fitted), channels.combination
@@ -184,13 +185,13 @@ class SnapshotReader(CaptureReader):
             precision = None
             if weighted:
                 known = parts.known if parts else np.zeros(len(time_s), bool)
-                precision = shared_noise(packets, combination.shared, known, table).precision
+                _, precision = shared_noise(packets, combination.shared, known, table)
             separator = EndSeparator(table, fitted.clocks, fitted.waveform, derotated=False)
             separated = [
                 separator.process(distorted.read(first, min(first + _BATCH, self.groups)))
                 for first in range(0, self.groups, _BATCH)
             ]
-            solved = solve_tags(
+            tags = solve_tags(
                 Groups.concatenate([*separated, separator.flush()]),
                 packets,
                 table,
@@ -200,12 +201,11 @@ class SnapshotReader(CaptureReader):
                 combination,
                 precision,
             )
-            change = solved.change_since(parts)
-            least = solved.uncertain
+            change, least = tags.change_since(parts), tags.uncertain
             if former and len(former.least) == len(least):
                 least = tuple(map(min, least, former.least))
-            found = fitted, packets, mean, solved, change, least
-            return _Round(*found, channels.states, combination)
+            states = channels.states
+            return _Round(fitted, packets, mean, tags, change, least, states, combination)
 
         def settle(weighted: bool) -> _Round:
             channels, finer = copy(coarse), copy(fine)
@@ -213,15 +213,15 @@ class SnapshotReader(CaptureReader):
             now = solve(channels, first, weighted)
             if finer.states.count > first.states.count:
                 other = solve(finer, None, weighted)
-                if other.solved.snr > first.solved.snr:
+                if other.tags.snr > first.tags.snr:
                     other = solve(finer, other, weighted)
-                    if other.solved.snr > now.solved.snr:
+                    if other.tags.snr > now.tags.snr:
                         channels, now = finer, other
             rounds = [now]
-            while len(rounds) < _MOST_ROUNDS and not now.settled and now.solved.snr:
+            while len(rounds) < _MOST_ROUNDS and not now.settled and now.tags.snr:
                 now = solve(channels, now, weighted)
                 rounds.append(now)
-            return max(rounds, key=lambda each: (each.settled, each.solved.snr))
+            return max(rounds, key=lambda each: (each.settled, each.tags.snr))
 
         # Gain steps of the antennas hide a weak tag, and a strong one looks like steps. What shows
         # the tags best is followed, once they are known.
@@ -230,9 +230,9 @@ class SnapshotReader(CaptureReader):
         # Noise that subcarriers share is measured well only where tags are known. A wrong weight
         # leads to another solution, which knows less of the tags, or to none.
         found = [settle(False)]
-        if found[0].solved.snr and found[0].combination.shared.shape[1]:
+        if found[0].tags.snr and found[0].combination.shared.shape[1]:
             found.append(settle(True))
-        now = max(found, key=lambda each: (bool(each.solved.snr), each.settled, -each.uncertain))
+        now = max(found, key=lambda each: (bool(each.tags.snr), each.settled, -each.uncertain))
         self.notes += now.states.notes
         if (kept_db := now.combination.kept_db) < 0:
             self.notes.append(
@@ -241,10 +241,10 @@ class SnapshotReader(CaptureReader):
                 "oscillator lose nothing"
             )
         table = _table_of(now.plan)
-        known = now.solved.parts.known
-        noise = shared_noise(now.packets, now.combination.shared, known, table)
-        packets, hidden = noise.removed(now.packets), now.combination.hidden
-        self.source = PacketGroups(table, packets, now.untouched, hidden)
+        whiten, _ = shared_noise(now.packets, now.combination.shared, now.tags.known, table)
+        combined = now.packets.combined @ whiten.astype(now.packets.combined.dtype)
+        packets = replace(now.packets, combined=combined)
+        self.source = PacketGroups(table, packets, now.untouched, now.combination.hidden)
         self.plan = now.plan.stating(tag_ratios=now.ratios)
 
     def _fitted(self, plan: Plan, packets: DividedPackets) -> Plan:
@@ -364,7 +364,7 @@ class _Round:
     plan: Plan
     packets: DividedPackets
     untouched: Array
-    solved: SolvedTags
+    tags: TagParts
     change: tuple[float, ...]  # of the tags' part since the round before
     least: tuple[float, ...]  # uncertainty of any round so far: one that knows less is not settled
     states: AntennaStates
@@ -373,7 +373,7 @@ class _Round:
     @property
     def ratios(self) -> tuple[float, ...]:
         """What is unknown of the tags' parts along the static paths."""
-        found: list[float] = np.hypot(self.solved.uncertain, self.change).tolist()
+        found: list[float] = np.hypot(self.tags.uncertain, self.change).tolist()
         return tuple(found)
 
     @property

@@ -9,8 +9,6 @@ with every press, and U shows in every packet: the magnitude along the static pa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ...signal.switching import switch_averages
@@ -33,25 +31,6 @@ _EXCEEDED = 0.05
 _ASIDE = np.array([0.0, -1.0, 1.0]) * np.pi / 8
 
 
-@dataclass(frozen=True, eq=False)
-class SolvedTags:
-    """Tags in packets; ``uncertain`` is the amplitude of U that is unknown, empty if none was
-    found.
-
-    ``snr`` is that of a typical end, times the groups in which the tags were found.
-    """
-
-    parts: TagParts
-    uncertain: tuple[float, ...]
-    snr: float
-
-    def change_since(self, former: TagParts | None) -> tuple[float, ...]:
-        """Rms over the subcarriers by which U has changed, for each of ``uncertain``."""
-        change = self.parts.direct - (0 if former is None else former.direct)
-        rms = np.sqrt(np.mean(np.abs(change) ** 2, axis=1))
-        return tuple(rms.tolist()[: len(self.uncertain)])
-
-
 def solve_tags(
     groups: Groups,
     packets: DividedPackets,
@@ -61,7 +40,7 @@ def solve_tags(
     reference_groups: int,
     combination: AntennaCombination,
     precision: Array | None,
-) -> SolvedTags:
+) -> TagParts:
     """Solve for the tags' parts along the static paths.
 
     ``precision`` (C, C) is the inverse covariance of the noise, None for that of ``groups``. Tags
@@ -91,9 +70,8 @@ def solve_tags(
             unknown[each.rows, tag] = change
     size = np.sqrt(np.mean(np.abs(direct) ** 2, axis=1) + np.mean(np.abs(combined) ** 2, axis=1))
     known_packets = unknown @ size < LEAST_STEP / 2
-    parts = TagParts(reflection, closed, direct, combined, known_packets)
     snr = len(groups) * float(np.median(10 ** (groups.snr_db / 10))) if len(groups) else 0.0
-    return SolvedTags(parts, tuple(uncertain), snr)
+    return TagParts(reflection, closed, direct, combined, known_packets, tuple(uncertain), snr)
 
 
 def _changes(index: Array, reflection: Array) -> Array:
@@ -280,7 +258,7 @@ class _Solution:
         return np.asarray(step[:count] + 1j * step[count:])
 
     def _uncertain(self) -> float:
-        """See :class:`SolvedTags`: by the noise of the gain, and by what remains of the fit."""
+        """See :class:`TagParts`: by the noise of the gain, and by what remains of the fit."""
         own, by, turns = self._slopes()
         slope = np.mean(own + by * turns.sum(axis=2, keepdims=True), axis=2)
         common, error = self._common[self._steady], self._missing()[1]
