@@ -242,8 +242,12 @@ def guide(table, guided, settings):
     for name, option in (("scene_path", "--scene"), ("args", "--args")):
         if guided[name] is None:
             raise InputError(option, "must be given with --live")
-    scene = load_scene(guided.pop("scene_path"))
-    sensor = _sensor_named(scene, guided.pop("sensor"))
+    scene, name = load_scene(guided.pop("scene_path")), guided.pop("sensor")
+    meant = [each for each in scene.sensors if name in (None, each.name)]
+    if len(meant) != 1:
+        rule = f"must be one of the scene's: {', '.join(scene.sensor_names)}"
+        raise InputError("--sensor", rule, *([] if name is None else [name]))
+    (sensor,) = meant
     own_mm = sensor.load_model(scene).length_mm
     if own_mm != settings["length_mm"]:
         rule = f"must be that of the scene's model '{sensor.model}', {own_mm:g}"
@@ -272,14 +276,6 @@ def guide(table, guided, settings):
             stored = f"presses stored in {session.path}: {len(session.presses)}"
             click.echo(f"\n{stored}; the same command continues.")
     return plan.frequency_hz if finished else None
-
-
-def _sensor_named(scene, name):
-    meant = [each for each in scene.sensors if name in (None, each.name)]
-    if len(meant) == 1:
-        return meant[0]
-    rule = f"must be one of the scene's: {', '.join(scene.sensor_names)}"
-    raise InputError("--sensor", rule, *([] if name is None else [name]))
 
 
 def _measure(session, scene, scale, args, **radio):

@@ -90,7 +90,7 @@ def check(file, scene_path, args, datatype, csi_tool, mac, second_antenna, as_js
     if samples is not None:
         _measure(findings, scene, session, samples)
     findings.advice = advice_on(findings, scene)
-    findings.notes = [note for note in [licence_note(scene)] if note]
+    findings.notes = list(licence_note(scene))
     if DRIVERS[request.driver].delay_differs and findings.delay_us is not None:
         findings.notes.append("the delay differs from start to start with this driver")
     if as_json:

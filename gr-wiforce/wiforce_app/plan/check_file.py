@@ -45,7 +45,9 @@ def check_file(path, scene_path, datatype, csi):
     recording = open_recording(path, datatype, csi)
     if isinstance(recording, ChannelSnapshots):
         refuse({"--datatype": datatype, "--scene": scene_path}, SAMPLES_ONLY)
-        found = check_snapshots(recording, _kind(path, csi))
+        tool = (csi or {}).get("tool") or tool_of(path)
+        kind = "channel snapshots (.npz)" if tool is None else f"channel snapshots of {tool}"
+        found = check_snapshots(recording, kind)
         return found, snapshots_text(found)
     if scene_path is None and recording.scene is None:
         return check_samples(recording)
@@ -60,13 +62,6 @@ def _is_raw(path):
     known = is_snapshots(path) or file.suffix in (".sigmf-data", ".sigmf-meta")
     metadata = file.with_name(f"{file.name}.sigmf-meta")
     return not known and not metadata.exists() and tool_of(path) is None
-
-
-def _kind(path, csi):
-    tool = (csi or {}).get("tool") or tool_of(path)
-    if tool is None:
-        return "channel snapshots (.npz)"
-    return f"channel snapshots of {tool}"
 
 
 _MOST_CLIPPED = 0.99  # share of samples from which on it does not tell the level any more

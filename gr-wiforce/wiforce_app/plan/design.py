@@ -63,19 +63,18 @@ def design(frequencies_hz, clock_hz, crystal_hz, as_json, **dimensions):
         "impedance_ohm": line.impedance_ohm,
         "effective_permittivity": line.effective_permittivity,
         "matched_height_mm": line.matched().height_mm,
-        "carriers": [_carrier(line, hertz) for hertz in frequencies_hz],
+        "carriers": [
+            {
+                "frequency_hz": hertz,
+                "s11_db": float(line.reflection_db(hertz)),
+                "phase_deg_per_mm": line.phase_deg_per_mm(hertz),
+                "repeats_mm": 360 / line.phase_deg_per_mm(hertz),
+            }
+            for hertz in frequencies_hz
+        ],
         "timer": None if clock_hz is None else asdict(tag_timer(clock_hz, crystal_hz)),
     }
     click.echo(json.dumps(report, indent=2) if as_json else _text(report))
-
-
-def _carrier(line, hertz):
-    return {
-        "frequency_hz": hertz,
-        "s11_db": float(line.reflection_db(hertz)),
-        "phase_deg_per_mm": line.phase_deg_per_mm(hertz),
-        "repeats_mm": 360 / line.phase_deg_per_mm(hertz),
-    }
 
 
 def _text(found):

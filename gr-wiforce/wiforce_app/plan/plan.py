@@ -69,7 +69,7 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
         "steps": [dataclasses.asdict(step) for step in steps_of(settings)],
         "expected": [dataclasses.asdict(sensor) for sensor in expect(settings)],
         "warnings": warnings_of(settings),
-        "notes": [note for note in [licence_note(scene)] if note],
+        "notes": list(licence_note(scene)),
     }
     room = None
     if capture_path is not None:

@@ -321,19 +321,15 @@ def _with_location_steps(data: CarrierData, location_steps: str) -> CarrierData:
     if location_steps == "given":
         return data
     if location_steps == "line":
-        shifts = np.array([-_value_at(curve, data.anchor_n) for curve in data.curves])
+        basis, anchor = curves.PowerBasis(), data.anchor_n
+        fits = [np.linalg.lstsq(basis(c.force_n), c.added_deg, rcond=None)[0] for c in data.curves]
+        shifts = np.array([-float(basis(anchor) @ fit) for fit in fits])
     else:
         # the phase added by the contact differs little from one location to the next
         middles = np.reshape([np.median(curve.added_deg) for curve in data.curves], (2, -1))
         shifts = (np.unwrap(middles, period=360.0) - middles).ravel()
     moved = zip(data.curves, shifts.tolist(), strict=True)
     return replace(data, curves=[replace(c, added_deg=c.added_deg + by) for c, by in moved])
-
-
-def _value_at(curve: ContactCurve, force: float) -> float:
-    basis = curves.PowerBasis()
-    coefficients = np.linalg.lstsq(basis(curve.force_n), curve.added_deg, rcond=None)[0]
-    return float(basis(force) @ coefficients)
 
 
 def compared_forces(data: CarrierData) -> np.ndarray:

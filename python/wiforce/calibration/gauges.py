@@ -170,8 +170,6 @@ def read_gauge(
     names = [str(name) for name in table.columns]
     time_name = _column(path, names, time_column, _TIME, "time")
     force_name = _column(path, names, force_column, _FORCE, "force", (time_name,))
-    if len(table) < 2:
-        raise InputError(path, "must hold two forces or more", len(table))
     times = _times(path, table[time_name], time_name)
     newtons, note = _newtons(force_name, unit)
     forces = _numbers(path, table[force_name], force_name) * newtons
@@ -274,17 +272,12 @@ def _times(path: str | Path, column: pd.Series, name: str) -> np.ndarray:
         # Seconds may have decimals in some rows only.
         mixed = {} if int(pd.__version__.split(".")[0]) < 2 else {"format": "mixed"}
         dates = pd.to_datetime(column, errors="coerce", utc=True, **mixed)
-        if dates.notna().all():
+        if len(dates) and dates.notna().all():
             return ((dates - dates.iloc[0]).dt.total_seconds()).to_numpy()
-    return _numbers(path, column, name) * _scale_of_times(name)
-
-
-def _scale_of_times(name: str) -> float:
-    """Seconds of the unit of a column."""
-    unit = _unit_of(name).lower()
+    times, unit = _numbers(path, column, name), _unit_of(name).lower()
     if unit not in _SECONDS and name.endswith((")", "]", "}")):
         raise InputError(name, f"names an unknown unit of time; known are {', '.join(_SECONDS)}")
-    return _SECONDS.get(unit, 1.0)
+    return times * _SECONDS.get(unit, 1.0)
 
 
 def _numbers(path: str | Path, column: pd.Series, name: str) -> np.ndarray:

@@ -28,31 +28,30 @@ from .plan import plan as plan_of
 def outside_band(scene: Scene) -> Iterator[str]:
     """A warning when the signal lies outside the band that the scene states; else nothing."""
     name = scene.environment.band
-    if name is None:
-        return
-    low_hz, high_hz = occupied_band_hz(scene.radio.center_frequency_hz, scene.waveform())
-    band = BANDS[name]
-    if not band.holds(low_hz, high_hz):
+    occupied_hz = occupied_band_hz(scene.radio.center_frequency_hz, scene.waveform())
+    if name is not None and not (band := BANDS[name]).holds(*occupied_hz):
         yield (
-            f"band: the signal occupies {low_hz / 1e6:.6g} to {high_hz / 1e6:.6g} MHz, which "
-            f"leaves environment.band {name} "
+            f"band: the signal occupies {_mhz(occupied_hz)}, which leaves environment.band {name} "
             f"({band.low_hz / 1e6:g} to {band.high_hz / 1e6:g} MHz): "
             "change radio.center_frequency_hz or radio.sample_rate_hz"
         )
 
 
-def licence_note(scene: Scene) -> str | None:
+def licence_note(scene: Scene) -> Iterator[str]:
     """A remark when no band is stated and the signal lies in none that is free of licences."""
-    low_hz, high_hz = occupied_band_hz(scene.radio.center_frequency_hz, scene.waveform())
     if scene.packets is not None:  # who sends the packets is licensed, or needs no licence
-        return None
-    free = any(band.holds(low_hz, high_hz) for band in BANDS.values())
-    if scene.environment.band is not None or free:
-        return None
-    return (
-        f"the signal occupies {low_hz / 1e6:.6g} to {high_hz / 1e6:.6g} MHz, which is inside none "
-        f"of the licence-free bands {', '.join(BANDS)}: transmit over cables, or with a licence"
-    )
+        return
+    occupied_hz = occupied_band_hz(scene.radio.center_frequency_hz, scene.waveform())
+    free = any(band.holds(*occupied_hz) for band in BANDS.values())
+    if scene.environment.band is None and not free:
+        yield (
+            f"the signal occupies {_mhz(occupied_hz)}, which is inside none of the licence-free "
+            f"bands {', '.join(BANDS)}: transmit over cables, or with a licence"
+        )
+
+
+def _mhz(band_hz: tuple[float, float]) -> str:
+    return "{:.6g} to {:.6g} MHz".format(*(hertz / 1e6 for hertz in band_hz))
 
 
 # SNR of a tag's first line beyond which it is unlikely: channel estimates of cards have 9 to 35 dB,

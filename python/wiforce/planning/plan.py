@@ -210,7 +210,13 @@ class Plan:
                 return _with_fewest_harmonics(changed)
             changed.check_lines()
         except InputError as error:
-            raise error.renamed(_scene_keys(self.require_scene())) from error
+            scene = self.require_scene()
+            keys = {f"clocks_hz[{i}]": f"sensors[{i}].clock_hz" for i in range(len(clocks))}
+            keys |= {
+                "group_length": "phase_group.snapshots",
+                "clutter_hz": "environment.moving_clutter_hz",
+            }
+            raise error.renamed({of: _key_of(scene, key) for of, key in keys.items()}) from error
         return changed
 
     def check_lines(self) -> None:
@@ -291,16 +297,6 @@ def plan(scene: Any, snapshots: int | None = None, estimator: str | None = None)
         times_s=typical_times_s(scene),
     )
     return settings.with_clocks(clocks)
-
-
-def _scene_keys(scene: Scene) -> dict[str, str]:
-    """Key of the scene file behind each parameter of the weights' design."""
-    keys = {f"clocks_hz[{i}]": f"sensors[{i}].clock_hz" for i in range(len(scene.sensors))}
-    keys |= {
-        "group_length": "phase_group.snapshots",
-        "clutter_hz": "environment.moving_clutter_hz",
-    }
-    return {name: _key_of(scene, key) for name, key in keys.items()}
 
 
 def _key_of(scene: Scene, key: str) -> str:

@@ -132,7 +132,7 @@ def _means_and_labels(
         own[apart] = own.max() + 1
     own = _merged(some, own, step)
     means = _means(some, own)
-    kind = _kinds(means, _noise(some, means, own), np.bincount(own), subcarrier_hz)
+    kind = _kinds(some, own, means, subcarrier_hz)
     label = np.where(kind[_nearest_mean(against, means)] == _OTHER, -1, 0)
     means = means[kind == _STATE]
     label[label == 0] = _nearest_mean(against[label == 0], means)
@@ -238,18 +238,17 @@ def _nearest_mean(against: Array, means: Array) -> Array:
     return np.asarray(np.argmin(distance, axis=0))
 
 
-def _noise(against: Array, means: Array, label: Array) -> Array:
-    """Power of the noise of a packet of each state, (states,)."""
-    power = np.sum(np.abs(against - means[label]) ** 2, axis=1)
-    return np.asarray(np.bincount(label, power) / np.bincount(label))
-
-
-def _kinds(means: Array, noise: Array, count: Array, subcarrier_hz: Array) -> Array:
+def _kinds(against: Array, label: Array, means: Array, subcarrier_hz: Array) -> Array:
     """Kinds of parts, (parts,): states (gain, phase and delay of one), other paths, neither."""
+    count = np.bincount(label)
+    noise = np.bincount(label, np.sum(np.abs(against - means[label]) ** 2, axis=1)) / count
     kind = np.full(len(means), _OTHER)
     order = np.argsort(-count, kind="stable")
     kind[order[0]] = _STATE
-    alike = [1 - _likeness(means[order[0]], mean) ** 2 <= _SAME_PATHS**2 for mean in means]
+    # Share of a profile that the most frequent one has.
+    size = np.linalg.norm(means, axis=1)
+    share = np.abs(means.conj() @ means[order[0]]) / np.maximum(size * size[order[0]], 1e-300)
+    alike = 1 - share**2 <= _SAME_PATHS**2
     for part in order[1:]:
         kind[part] = _PART if alike[part] else _OTHER
         for state in np.flatnonzero(kind == _STATE):
@@ -258,12 +257,6 @@ def _kinds(means: Array, noise: Array, count: Array, subcarrier_hz: Array) -> Ar
             if alike[part] and own - known < _FLAT * step:
                 kind[part] = _STATE
     return kind
-
-
-def _likeness(one: Array, other: Array) -> float:
-    """Share of a profile (C,) that another one has, from 0 to 1."""
-    size = np.linalg.norm(one) * np.linalg.norm(other)
-    return float(np.abs(np.vdot(one, other)) / max(size, 1e-300))
 
 
 def _own_change(former: Array, mean: Array, subcarrier_hz: Array) -> tuple[float, float]:

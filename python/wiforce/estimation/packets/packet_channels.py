@@ -114,7 +114,10 @@ class AntennaCombination:
             mean = np.median((direct / common).real, axis=0)
             static = mean + 1j * np.median((direct / common).imag, axis=0)
         common = self._common(direct, static)
-        self.by_subcarrier = not self._single and _differs(direct - common * static)
+        # Packets differ by more than noise, which is alike in all directions.
+        residual = direct - common * static
+        powers = np.linalg.eigvalsh(residual.conj().T @ residual)
+        self.by_subcarrier = not self._single and bool(powers.mean() > 2 * np.median(powers))
         self.hidden, self.kept_db = 1.0, 0.0
         if self._single:
             self.hidden, self.kept_db = _one_antenna(static, hertz)
@@ -215,12 +218,6 @@ def _one_antenna(static: Array, hertz: Array) -> tuple[float, float]:
     ]
     kept = max(1 - sum(lost), 1e-6)
     return lost[0] / kept, 10 * float(np.log10(kept))
-
-
-def _differs(residual: Array) -> bool:
-    """Whether packets differ by more than noise, which is alike in all directions."""
-    powers = np.linalg.eigvalsh(residual.conj().T @ residual)
-    return bool(powers.mean() > 2 * np.median(powers))
 
 
 @dataclass(frozen=True, eq=False)
@@ -421,10 +418,10 @@ def shared_noise(
 ) -> tuple[Array, Array]:
     """Noise of the packets' combinations at the tags' lines: whitening and precision (C, C).
 
-    The first, of row vectors, makes it independent, as weights by subcarrier presume.
     Antennas wander against each other, an Intel AX200's by 0.5 deg rms mostly below 300 Hz, 15 dB
     above the noise of all subcarriers. Noise D + B P B^H, with D by subcarrier and B in span of
-    ``shared`` (C, A - 1), is transformed to D; both are measured beside the tones.
+    ``shared`` (C, A - 1), is transformed to D, as weights by subcarrier presume; both are measured
+    beside the tones. The first matrix is that of row vectors.
     """
     parts = _beside_tones(packets, known, table)
     each = np.eye(len(shared))

@@ -25,15 +25,14 @@ CLOCK_STEP_S = 30.0
 _LEAST_BETWEEN = 64
 
 
-def ordered_times(time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Order of packets by time, rising times (n,), and how often the clock has stepped back.
-
-    ValueError, with the index of a packet, for times that step back all the time.
-    """
+def _ordered_times(path: Path, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Order of packets by time, rising times (n,), and how often the clock has stepped back."""
     times = time_s.astype(float)
     back = np.flatnonzero(np.diff(times) < -_DISORDER_S) + 1
     if len(back) and len(times) < _LEAST_BETWEEN * (len(back) + 1):
-        raise ValueError(int(back[0]))
+        row = int(back[0])
+        rule = f"time_s[{row}]: must not lie before the packet before it, but for a few clock steps"
+        raise InputError(path, rule, float(times[row]))
     later = np.zeros(len(times))
     later[back] = times[back - 1] - times[back] + CLOCK_STEP_S
     times = times + np.cumsum(later)
@@ -143,12 +142,7 @@ def checked_snapshots(
     """Check arrays as :func:`open_snapshots`, leave out what cannot be used, and say why."""
     for violation in _violations(time_s, channel, subcarrier_hz):
         raise InputError(path, *violation)
-    try:
-        order, times, steps = ordered_times(time_s)
-    except ValueError as error:
-        row = error.args[0]
-        rule = f"time_s[{row}]: must not lie before the packet before it, but for a few clock steps"
-        raise InputError(path, rule, float(time_s[row])) from error
+    order, times, steps = _ordered_times(path, time_s)
     values = channel.reshape(len(times), len(subcarrier_hz), -1)[order]
     with np.errstate(invalid="ignore", over="ignore"):
         size = np.abs(values)
