@@ -99,7 +99,12 @@ def readapted(current: Plan, plan: Plan, survey: Survey) -> Plan:
         solved = [each for each in survey.sources if _clock_of(each, survey) in better.others]
         # In one subcarrier: surveys of the same lamps differ by more than averages may.
         room = survey.noise(plan.group_length, better.clutter_hz, solved, averaged=False)
-        noise, least = (_noise_of_tones(each.table, room) for each in (current, better))
+        # White noise of a snapshot, of variance 1, and what the room adds to it.
+        noise, least = (
+            np.sum(np.abs(each.table.weights) ** 2, axis=1)
+            * (1 + room_noise_of_tones(each.table, room))
+            for each in (current, better)
+        )
         suits = bool(np.all(noise <= _AS_GOOD * least))
     return current if suits else better
 
@@ -111,12 +116,6 @@ def _same_clocks(clocks: Sequence[TagClock], others: Sequence[TagClock]) -> bool
         abs(a.clock_hz - b.clock_hz) <= 1e-6 * a.tolerance_ppm * a.clock_hz
         for a, b in zip(one, other, strict=True)
     )
-
-
-def _noise_of_tones(table: ToneTable, room: RoomNoise) -> np.ndarray:
-    """Variance of the noise in each tone, the white noise of a snapshot being 1."""
-    power = np.sum(np.abs(table.weights) ** 2, axis=1)
-    return np.asarray((1 + room_noise_of_tones(table, room)) * power)
 
 
 def _require_one_tag_each(plan: Plan, survey: Survey) -> None:

@@ -93,20 +93,13 @@ def receive_levels(scene: Scene) -> ReceivedLevels:
     peak = sum(amplitudes) * float(np.abs(waveform.frame()).max()) + NOISE_PEAK * sample_std
     step = peak / PEAK / 2 ** ((simulation.adc_bits or 16) - 1)
     noise += 2 * step**2 / 12 * waveform.channel_noise_gain
-    static = 0.0 if static_db is None else line**2 * 10 ** (static_db / 10)
-    radio = static * _radio_noise_share(scene)
+    radio, stated = 0.0, simulation.radio_noise
+    if stated is not None and static_db is not None:
+        alike, independent = noise_over_static(stated, waveform, scene.sensors[0].clock_hz)
+        # Two antennas have the same phase noise, which cancels in their ratio.
+        alike *= scene.environment.receive_antennas == 1
+        radio = line**2 * 10 ** (static_db / 10) * (len(waveform.bins) * alike + independent)
     return ReceivedLevels(float(noise), float(radio), line / step, float(sample_std / step))
-
-
-def _radio_noise_share(scene: Scene) -> float:
-    """Variance in H of the radio's noise over the static path's."""
-    stated, waveform = scene.simulation.radio_noise, scene.waveform()
-    if stated is None:
-        return 0.0
-    alike, independent = noise_over_static(stated, waveform, scene.sensors[0].clock_hz)
-    # Two antennas have the same phase noise, which cancels in their ratio.
-    alike *= scene.environment.receive_antennas == 1
-    return len(waveform.bins) * alike + independent
 
 
 def why_not_readable(scene: Scene, index: int, levels: ReceivedLevels) -> str | None:

@@ -161,20 +161,15 @@ def neighbours(subcarrier_hz: Array) -> tuple[Array, Array, float]:
     return order, np.flatnonzero(steps < 1.01 * step_hz), step_hz
 
 
-def _shape(against: Array) -> Array:
-    """What antennas receive in packets of one state, unless it is several; norm 1."""
-    some = against[:: max(1, len(against) // _MOST_PACKETS)]
-    _, vectors = np.linalg.eigh(some.conj().T @ some)
-    return np.asarray(vectors[:, -1].conj())
-
-
 def _units(against: Array, label: Array) -> Array:
     """Factors to units of the static path of each state, without its phases; (states, C)."""
     units = np.empty((label.max() + 1, against.shape[1]), against.dtype)
     for state in range(len(units)):
         own = against[label == state]
+        some = own[:: max(1, len(own) // _MOST_PACKETS)]
+        _, vectors = np.linalg.eigh(some.conj().T @ some)
         size = np.median(np.linalg.norm(own, axis=1))
-        units[state] = np.exp(-1j * np.angle(_shape(own))) / max(size, 1e-30)
+        units[state] = np.exp(1j * np.angle(vectors[:, -1])) / max(size, 1e-30)
     return units
 
 

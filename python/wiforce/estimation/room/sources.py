@@ -129,18 +129,24 @@ def _reach_hz(hertz: float) -> float:
     return _APART_HZ + _APART_SHARE * hertz
 
 
+def _order(hertz: float, fundamental_hz: float, reaches: int = 1) -> int:
+    """Order of the harmonic that a frequency is near to; 0 where it is near to none."""
+    order = round(hertz / fundamental_hz)
+    return order if abs(hertz - order * fundamental_hz) <= reaches * _reach_hz(hertz) else 0
+
+
 def _lamps(lines: Sequence[RoomLine], fundamental_hz: float, spectrum: _Spectrum) -> Source | None:
     """Lamps at twice a mains frequency, where most of the first harmonics are there."""
     found: dict[int, RoomLine] = {}
     rate_hz = 1 / spectrum.waveform.snapshot_period_s
-    present_hz = _present_hz(lines, fundamental_hz)
-
-    def order_of(original: float) -> int:
-        order = round(original / present_hz)
-        return order if abs(original - order * present_hz) <= _reach_hz(original) else 0
-
+    # Twice the present frequency of the mains, from the first harmonics.
+    present: dict[int, RoomLine] = {}
     for line in lines:
-        if order := order_of(line.frequency_hz):
+        if 0 < (order := _order(line.frequency_hz, fundamental_hz, 2)) < _FIRST_LAMPS:
+            present.setdefault(order, line)
+    present_hz = _fundamental_hz(present) if present else fundamental_hz
+    for line in lines:
+        if order := _order(line.frequency_hz, present_hz):
             found.setdefault(order, line)
     direct = set(found.values())
     # Aliases are of higher orders than all of these, and weaker.
@@ -150,7 +156,7 @@ def _lamps(lines: Sequence[RoomLine], fundamental_hz: float, spectrum: _Spectrum
         if line in direct or line.power > limit:
             continue
         for original in (rate_hz - line.frequency_hz, rate_hz + line.frequency_hz):
-            if order := order_of(original):
+            if order := _order(original, present_hz):
                 found.setdefault(order, line)
                 break
     first = [
@@ -164,17 +170,6 @@ def _lamps(lines: Sequence[RoomLine], fundamental_hz: float, spectrum: _Spectrum
         if order not in found and around and spectrum.least(order * fundamental_hz) > max(around):
             masked.append(RoomLine(order * fundamental_hz, float(np.mean(around))))
     return Source("lamps", fundamental_hz, tuple(found.values()), tuple(masked))
-
-
-def _present_hz(lines: Sequence[RoomLine], fundamental_hz: float) -> float:
-    """Twice the present frequency of the mains, from the first harmonics."""
-    found: dict[int, RoomLine] = {}
-    for line in lines:
-        order = round(line.frequency_hz / fundamental_hz)
-        reach_hz = 2 * _reach_hz(line.frequency_hz)
-        if 0 < order < _FIRST_LAMPS and abs(line.frequency_hz - order * fundamental_hz) < reach_hz:
-            found.setdefault(order, line)
-    return _fundamental_hz(found) if found else fundamental_hz
 
 
 def _tag(lines: Sequence[RoomLine], spectrum: _Spectrum) -> Source | None:
