@@ -19,7 +19,7 @@ from ..sensor.line import MAX_FORCE_N, MAX_LENGTH_MM, MAX_PERMITTIVITY
 from ..sensor.model import check_onset
 from ..sensor.tracker import NOISE_FREEDOM
 from ..signal.carrier import same_carrier, wrap_deg
-from .data import carrier_data, carriers_of, check_table, untouched_phases
+from .data import by_carrier, carrier_data, check_table, untouched_phases
 from .fit import fit_carrier
 from .mistakes import stated_suspicions, suspicions
 from .tables import CalibrationTable
@@ -124,7 +124,7 @@ def calibrate(
     check_table(table, length_mm)
     assumed: list[str] = []
     settings = length_mm, permittivity, ruler_std_mm, mirror, location_steps, assumed
-    data = [carrier_data(table, frequency, *settings) for frequency in carriers_of(table)]
+    data = [carrier_data(frequency, own, *settings) for frequency, own in by_carrier(table)]
     if location_steps == "line":
         assumed.append(
             "movement with force as measured, location steps those of the line: at "

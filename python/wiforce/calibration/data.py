@@ -180,8 +180,8 @@ class CarrierData:
         return float(spans[:, 0].max()), float(spans[:, 1].min())
 
 
-def carriers_of(table: CalibrationTable) -> list[float]:
-    """Carriers of a table in Hz, rising; values within 0.1 % of each other are one carrier."""
+def by_carrier(table: CalibrationTable) -> list[tuple[float, CalibrationTable]]:
+    """Rows of each carrier, in Hz, rising; values within 0.1 % of each other are one carrier."""
     carriers: list[float] = []
     for frequency in np.unique(table.frequency_hz):
         if not CARRIERS_HZ[0] <= frequency <= CARRIERS_HZ[1]:
@@ -191,12 +191,12 @@ def carriers_of(table: CalibrationTable) -> list[float]:
             raise InputError(f"{table.at(index)}: freq_mhz", rule, frequency / 1e6)
         if not carriers or frequency > carriers[-1] * (1 + CARRIER_TOLERANCE):
             carriers.append(float(frequency))
-    return carriers
+    return [(each, table.take(same_carrier(table.frequency_hz, each))) for each in carriers]
 
 
 def carrier_data(
-    table: CalibrationTable,
     frequency: float,
+    table: CalibrationTable,
     length_mm: float,
     permittivity: float,
     ruler_std_mm: float,
@@ -205,7 +205,6 @@ def carrier_data(
     assumed: list[str],
 ) -> CarrierData:
     """Arrange the rows of one carrier by location and port; what is ``assumed`` is appended."""
-    table = table.take(same_carrier(table.frequency_hz, frequency))
     untouched = untouched_phases(table)
     if untouched is None:
         assumed.append(

@@ -22,15 +22,17 @@ Samples = Sequence[tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class ForceCurve:
-    """One fitted curve: coefficients (K,), covariance (K, K) at unit noise, residual (n,) in deg.
+    """One fitted curve: coefficients (K,), covariance (K, K) at unit noise.
 
-    ``freedom`` is tr((I - A)^2) of the smoother A, the sum of squares at unit noise (T. Hastie and
-    R. Tibshirani, *Generalized Additive Models*, 1990, section 3.5).
+    ``residual`` (n,), in deg, and ``slope`` (n,), in deg/N, are by rising force. ``freedom`` is
+    tr((I - A)^2) of the smoother A, the sum of squares at unit noise (T. Hastie and R. Tibshirani,
+    *Generalized Additive Models*, 1990, section 3.5).
     """
 
     coefficients: np.ndarray
     unit_covariance: np.ndarray
     residual: np.ndarray
+    slope: np.ndarray
     freedom: float
 
 
@@ -86,16 +88,15 @@ class CurveFitter:
         left = np.sum((np.eye(len(triangle)) - smoother) ** 2)
         # A curve through all samples leaves rounding errors, which must not be divided by 0.
         freedom = max(len(force_n) - len(triangle) + left, np.finfo(float).eps)
-        residual = (value_deg - basis @ coefficients)[np.argsort(force_n, kind="stable")]
-        return ForceCurve(coefficients, np.linalg.inv(precision), residual, float(freedom))
+        order = np.argsort(force_n, kind="stable")
+        residual = (value_deg - basis @ coefficients)[order]
+        slope = curves.slope_over_force(lambda force: self.basis(force) @ coefficients, force_n)
+        covariance = np.linalg.inv(precision)
+        return ForceCurve(coefficients, covariance, residual, slope[order], float(freedom))
 
     def value(self, fit: ForceCurve, force_n: np.ndarray | float) -> np.ndarray:
         """Evaluate a fitted curve, in degrees, at forces in N."""
         return self.basis(force_n) @ fit.coefficients
-
-    def slope(self, fit: ForceCurve, force_n: np.ndarray) -> np.ndarray:
-        """Slope of a fitted curve in deg/N, at forces (n,) in N."""
-        return curves.slope_over_force(lambda force: self.value(fit, force), force_n)
 
 
 def _penalised_normal(basis: np.ndarray, penalty: np.ndarray) -> np.ndarray:
@@ -196,7 +197,7 @@ def fit_carrier(data: CarrierData, form: str, knots: np.ndarray | None) -> Carri
         psi = line.open_phase_deg(data.length_mm, data.frequency_hz, data.permittivity)
         untouched = (float(wrap_deg(psi)),) * 2
     spans = np.reshape([curve.force_n[[0, -1]] for curve in data.curves], (2, -1, 2))
-    difference_n = find_hysteresis(data, fitter, fits)
+    difference_n = find_hysteresis(data, fits)
     carrier = curves.Carrier(
         frequency_hz=data.frequency_hz,
         untouched_deg=untouched,
@@ -222,16 +223,14 @@ _CERTAIN = 3.0
 _FORCES = 50
 
 
-def find_hysteresis(
-    data: CarrierData, fitter: CurveFitter, fits: Sequence[ForceCurve]
-) -> float | None:
+def find_hysteresis(data: CarrierData, fits: Sequence[ForceCurve]) -> float | None:
     """What must at most be added to a force, in N, for the contact that it has while unloading.
 
     A soft beam opens later than it closed, and creeps: residuals over the slope, of opposite sign
     in the two branches, are fitted by a polynomial in force. 0 within noise, None without both.
     """
     rows = [
-        (c.force_n, fit.residual, fitter.slope(fit, c.force_n), c.direction)
+        (c.force_n, fit.residual, fit.slope, c.direction)
         for c, fit in zip(data.curves, fits, strict=True)
         if not c.copied
     ]

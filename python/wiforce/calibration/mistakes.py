@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..sensor import line
-from ..signal.carrier import same_carrier
-from .data import carriers_of, touched_rows, untouched_phases
+from .data import by_carrier, touched_rows, untouched_phases
 from .tables import CalibrationTable
 
 # Concentration of the phases about a line: 1 without scatter. Below this the locations have phase
@@ -71,9 +70,8 @@ class _Presses:
         return np.where(both.all(axis=0), both.mean(axis=0), 0.0)
 
 
-def _by_carrier(table: CalibrationTable) -> Iterator[_Presses]:
-    for frequency in carriers_of(table):
-        own = table.take(same_carrier(table.frequency_hz, frequency))
+def _presses(table: CalibrationTable) -> Iterator[_Presses]:
+    for frequency, own in by_carrier(table):
         untouched = untouched_phases(own)
         rows, _ = touched_rows(own, untouched)
         places = np.unique(rows.location_mm)
@@ -97,7 +95,7 @@ def suspicions(table: CalibrationTable, length_mm: float, permittivity: float) -
     found = _units(table, touched, length_mm)
     if found:
         return found
-    carriers = list(_by_carrier(table))
+    carriers = list(_presses(table))
     for own in carriers:
         slope = line.round_trip_deg_per_mm(own.frequency_hz, permittivity)
         found += _reversed(own, slope) or _unconnected(own, slope)
@@ -112,8 +110,8 @@ def untouched_assumed(table: CalibrationTable, length_mm: float) -> list[str]:
         f"no rows of the untouched sensor (force_n 0, no location) at {frequency / 1e6:g} MHz: its "
         f"phases are taken to be those of a line of {length_mm:g} mm, and what they are off shifts "
         "every reading"
-        for frequency in carriers_of(table)
-        if untouched_phases(table.take(same_carrier(table.frequency_hz, frequency))) is None
+        for frequency, own in by_carrier(table)
+        if untouched_phases(own) is None
     ]
 
 

@@ -123,11 +123,10 @@ class Verdict:
 
 def verdict(model: CurveModel) -> list[Verdict]:
     """The errors of each carrier of a calibrated model."""
-    return [_of_carrier(model, index) for index in range(len(model.carriers))]
+    return [_of_carrier(model, frequency_hz) for frequency_hz in model.frequencies_hz]
 
 
-def _of_carrier(model: CurveModel, index: int) -> Verdict:
-    frequency_hz = model.carriers[index].frequency_hz
+def _of_carrier(model: CurveModel, frequency_hz: float) -> Verdict:
     found, used, flagged = _over_span(model, frequency_hz, _QUIET_DEG)
     unusable = ""
     # Of a force that is anywhere in the span.

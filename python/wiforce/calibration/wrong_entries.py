@@ -190,24 +190,20 @@ def find_wrong_rows(fitted: CarrierFit) -> list[str]:
     without_n, touched_n = fitted.data.onset or (0.0, 0.0)
     fitter = fitted.fitter
     found: list[str] = []
-    own = [
-        (curve, fit, fitter.slope(fit, curve.force_n))
-        for curve, fit in zip(fitted.data.curves, fitted.fits, strict=True)
-        if not curve.copied
-    ]
-    places = {curve.location_mm for curve, *_ in own}
+    both = zip(fitted.data.curves, fitted.fits, strict=True)
+    own = [(curve, fit) for curve, fit in both if not curve.copied]
+    places = {curve.location_mm for curve, _ in own}
     if len(places) < 2:
         return found  # nothing tells the noise
     # Where rows of both ports are wrong, only other locations tell the noise.
     noises = {
-        place: _Noise([(fit, slope) for curve, fit, slope in own if curve.location_mm != place])
-        for place in places
+        place: _Noise([fit for curve, fit in own if curve.location_mm != place]) for place in places
     }
-    rows = sum(len(slope) for *_, slope in own)
-    pressed_in = [curve.press[curve.force_n > without_n] for curve, *_ in own]
+    rows = sum(len(curve.force_n) for curve, _ in own)
+    pressed_in = [curve.press[curve.force_n > without_n] for curve, _ in own]
     counts = np.concatenate([np.unique(press, return_counts=True)[1] for press in pressed_in])
     pairs = int(np.sum(counts * (counts - 1) // 2))
-    for curve, fit, slope in own:
+    for curve, fit in own:
         noise, force_n = noises[curve.location_mm], curve.force_n
         where = f"at location {curve.location_mm:g} mm, port {curve.port},"
         basis = fitter.basis(force_n)
@@ -226,7 +222,7 @@ def find_wrong_rows(fitted: CarrierFit) -> list[str]:
             exchanged = curve.added_deg.copy()
             exchanged[pair] = exchanged[pair[::-1]]
             after = fitter.fit(force_n, exchanged)
-            if _is_better(noise.log_ratio(fit, after.residual, after.freedom, slope), pairs):
+            if _is_better(noise.log_ratio(fit, after.residual, after.freedom), pairs):
                 low, high = force_n[pair]
                 found.append(
                     f"the phases of {low:g} and {high:g} N {where} would fit the others exchanged: "
@@ -238,7 +234,7 @@ def find_wrong_rows(fitted: CarrierFit) -> list[str]:
             continue
         after = fitter.fit(np.delete(force_n, row), np.delete(curve.added_deg, row))
         residual = np.insert(after.residual, row, 0.0)
-        if _is_better(noise.log_ratio(fit, residual, after.freedom, slope), rows):
+        if _is_better(noise.log_ratio(fit, residual, after.freedom), rows):
             off_deg = curve.added_deg[row] - fitter.value(after, force_n[row])
             found.append(
                 f"the phase of {force_n[row]:g} N {where} is {off_deg:+.1f} deg beside the curve "
@@ -250,22 +246,20 @@ def find_wrong_rows(fitted: CarrierFit) -> list[str]:
 class _Noise:
     """Variance of phases (deg^2) and of forces (N^2) about fitted curves of known slopes."""
 
-    def __init__(self, others: Sequence[tuple[ForceCurve, np.ndarray]]) -> None:
+    def __init__(self, others: Sequence[ForceCurve]) -> None:
         parts = [
-            fit.freedom / len(slope) * np.column_stack([np.ones(len(slope)), slope**2])
-            for fit, slope in others
+            fit.freedom / len(fit.slope) * np.column_stack([np.ones_like(fit.slope), fit.slope**2])
+            for fit in others
         ]
-        squares = np.concatenate([fit.residual**2 for fit, _ in others])
+        squares = np.concatenate([fit.residual**2 for fit in others])
         self._variance = np.asarray(nnls(np.concatenate(parts), squares)[0])
-        self._freedom = sum(fit.freedom for fit, _ in others)
+        self._freedom = sum(fit.freedom for fit in others)
 
-    def log_ratio(
-        self, given: ForceCurve, residual: np.ndarray, freedom: float, slope: np.ndarray
-    ) -> float:
+    def log_ratio(self, given: ForceCurve, residual: np.ndarray, freedom: float) -> float:
         """How much likelier residuals (n,) of so many degrees of freedom are than those given."""
         # A curve that does not follow its data leaves more than noise.
         left = max(float(np.sum(residual**2)) / freedom, _ROUNDED_DEG**2)
-        variance = np.maximum(self._variance[0] + self._variance[1] * slope**2, left)
+        variance = np.maximum(self._variance[0] + self._variance[1] * given.slope**2, left)
         square = max(float(np.sum((given.residual**2 - residual**2) / variance)), 0.0)
         # Noise that few rows tell is Student's.
         return (self._freedom + 1) / 2 * float(np.log1p(square / self._freedom))
