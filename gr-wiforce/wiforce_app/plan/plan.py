@@ -80,7 +80,12 @@ def plan(scene, capture_path, datatype, improve, with_steps, plot_path, clocks, 
 
         recording = open_capture(capture_path, datatype)
         room = survey_room(recording, scene, [], partial(warn, recording.path))
-        report["room"] = _room(room)
+        found = room.report()
+        report["room"] = {
+            **{key: found[key] for key in ("findings", "changes", "skipped")},
+            "settings": _settings(room.plan),
+            "steps": [dataclasses.asdict(step) for step in steps_of(room.plan)],
+        }
     if improve:
         report["proposals"] = [dataclasses.asdict(p) for p in proposals_for(settings)]
     if plot_path is not None:
@@ -112,16 +117,6 @@ def _propose_clocks(scene, count, as_json):
         near = sum(hz < found.bin_hz for hz in found.lamp_distances_hz)
         click.echo(f"sensors with one of these lines within one bin of a lamp's: {near} of {count}")
     click.echo(f"cost of neighbours, aliases and clutter: {found.worst_loss_db:.2g} dB or less")
-
-
-def _room(found):
-    """What a capture's room holds, and what it changes in the plan."""
-    report = found.report()
-    return {
-        **{key: report[key] for key in ("findings", "changes", "skipped")},
-        "settings": _settings(found.plan),
-        "steps": [dataclasses.asdict(step) for step in steps_of(found.plan)],
-    }
 
 
 def _settings(settings):

@@ -170,26 +170,23 @@ class free_fold(Kept, gr.basic_block):
 
     def _take(self, items: Array) -> None:
         for part, tag in between_tags(self, items):
-            self._take_part(part)
+            if self._settings.usable:
+                self._fold(self.follower.take(part))
+            elif len(part):
+                self._lose(len(part))
             if tag is None:
                 break
             if self._settings.note(tag):
-                self._lose(0, items)  # no frame has samples from both sides of it
+                self._lose(0)  # no frame has samples from both sides of it
                 self._retuned = True
             if not pmt.eq(tag.key, _RX_TIME):
                 continue
             if lost := self._timeline.note(tag.offset, tag.value):
-                self._lose(lost, items)
+                self._lose(lost)
                 self._gaps += 1
 
-    def _take_part(self, items: Array) -> None:
-        if self._settings.usable:
-            self._fold(self.follower.take(items))
-        elif len(items):
-            self._lose(len(items), items)
-
-    def _lose(self, samples: int, items: Array) -> None:
-        self._fold(self.follower.lose(samples, items.shape[1]))
+    def _lose(self, samples: int) -> None:
+        self._fold(self.follower.lose(samples, 4))
         self._begins = True
 
     def _fold(self, samples: Array) -> None:
@@ -197,10 +194,11 @@ class free_fold(Kept, gr.basic_block):
         if not len(frames):
             return
         if self._begins:
-            self._mark(_SNAPSHOT, pmt.from_uint64(self._count + self.follower.lost))
+            index = pmt.from_uint64(self._count + self.follower.lost)
+            self._marks.append((self._count, _SNAPSHOT, index))
             self._begins = False
         if self._retuned:
-            self._mark(_RETUNED, pmt.from_uint64(1))
+            self._marks.append((self._count, _RETUNED, pmt.from_uint64(1)))
             self._retuned = False
         begin, repetitions = self._waveform.first_averaged, self._waveform.repetitions
         length = self._waveform.symbol_length
@@ -216,9 +214,6 @@ class free_fold(Kept, gr.basic_block):
         full = np.any(np.abs(averaged.astype(np.int32)) >= _SATURATED_CODE, axis=(1, 2))
         self._waiting.append((vectors, noise, full))
         self._count += len(frames)
-
-    def _mark(self, key: object, value: object) -> None:
-        self._marks.append((self._count, key, value))
 
     def _put_out(self, outputs: list[Array]) -> int:
         if not self._waiting:

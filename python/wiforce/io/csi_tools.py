@@ -10,7 +10,6 @@ import sys
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -344,13 +343,11 @@ def check_tool(tool: str, mac: str | None = None, second: str | Path | None = No
 
 def convert(path: str, tool: str, output: str, mac: str = "") -> None:
     """Convert a file to the arrays of an .npz file ``output``, in a process of its own."""
-    name, *settings = tool.split("/")
-    readers: dict[str, Callable[..., Packets]] = {
-        "intel": _intel,
-        "atheros": _atheros,
-        "nexmon": partial(_nexmon_packets, mac),
-    }
-    found = readers[name](path, *settings)
+    if tool.startswith("nexmon/"):
+        _, chip, mhz = tool.split("/")
+        found = _nexmon_packets(path, chip, mhz, mac)
+    else:
+        found = _intel(path) if tool == "intel" else _atheros(path)
     np.savez(
         output,
         time_s=found.time_s,
@@ -399,7 +396,7 @@ def _atheros(path: str) -> Packets:
     return Packets(time_s, channel, subcarriers, lost)
 
 
-def _nexmon_packets(mac: str, path: str, chip: str, mhz: str) -> Packets:
+def _nexmon_packets(path: str, chip: str, mhz: str, mac: str) -> Packets:
     from csiread import Nexmon
 
     found = Nexmon(path, chip=chip, bw=int(mhz), if_report=False)
