@@ -24,13 +24,13 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     auto* const next = follow(from, probability, phase_peak(turned));
     if (!next)
         return;
-    next->turn.seen += sees_turns(from);
+    next->turn.seen += learns_turns(from);
     if (from.is != untouched)
         next->age_s = 0;
     next->turn.goes_on = next->press.steady = next->turn.by_hand = false;
     next->turn.sudden = true;
     next->press.motion.rest();
-    begin_turn(*next);
+    start_motion_at_line(*next);
     const auto was = next->press.motion;
     next->press.motion.widen(turned);
     give(*next, follow_turn(*next, was));
@@ -49,7 +49,7 @@ void press_filter::turn_slowly(
     if (begins) {
         next->turn.begin(speed, near);
         count_turn(*next, from);
-        begin_turn(*next);
+        start_motion_at_line(*next);
     }
     next->turn.goes_on = how != course::ends;
     const auto was = next->press.motion;
@@ -65,10 +65,10 @@ void press_filter::turn_slowly(
 
 void press_filter::count_turn(explanation& to, const explanation& from) const
 {
-    (to.turn.by_hand ? to.turn.hands : to.turn.seen) += sees_turns(from);
+    (to.turn.by_hand ? to.turn.hands : to.turn.seen) += learns_turns(from);
 }
 
-void press_filter::begin_turn(explanation& to) const
+void press_filter::start_motion_at_line(explanation& to) const
 {
     if (to.is != untouched)
         return;
@@ -90,7 +90,7 @@ double press_filter::follow_turn(explanation& to, const phase_motion& was) const
     to.mean.recount({ by, by }, {});
     to.line.common.widen(was.variances()[0] - 2 * tied + error);
     to.press.held.common.tie(error);
-    const double likelihood = update_turned(
+    const double likelihood = update_strength_while_turning(
         to,
         phases,
         to.turn.by_hand ? hand_variance(to.turn.speed)
@@ -127,7 +127,7 @@ void press_filter::release(const explanation& from, double probability)
         next->line.known = true;
     }
     if (next->turn.goes_on) {
-        begin_turn(*next);
+        start_motion_at_line(*next);
         next->press.motion.move(next->turn.velocity, velocity_deviation(*next));
     }
     give(*next, likelihood);
@@ -189,7 +189,7 @@ void press_filter::move_line(const explanation& from, double probability)
     if (from.is != untouched)
         next->age_s = 0;
     next->is = untouched;
-    next->turn.moved += sees_turns(from);
+    next->turn.moved += learns_turns(from);
     move_cable(*next, next->line.amplitude);
     next->line.widen({ variance, variance, 0 });
     give(*next, update_baseline(*next));
@@ -299,7 +299,8 @@ void press_filter::change_steadily(const explanation& from,
     // How far the tag has turned is hardly known here; what a hand does to amplitudes is.
     give(*next,
          from.turn.goes_on && from.turn.by_hand
-             ? update_turned(*next, likelihood, hand_variance(from.turn.speed))
+             ? update_strength_while_turning(
+                   *next, likelihood, hand_variance(from.turn.speed))
              : update_strength(*next, likelihood));
 }
 
@@ -411,7 +412,7 @@ press_filter::mixture press_filter::mixture_after(const explanation& from,
     found.single = true;
     found.start = from.is == untouched
                       ? from.line.ratio()
-                      : seen_strength(from).at(from.press.motion.phase());
+                      : shown_strength(from).at(from.press.motion.phase());
     if (from.is == untouched && from.line.known)
         found.log_density = pressed_in_part(found);
     // Where a press ends, it is known what comes after.

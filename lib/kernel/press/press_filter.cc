@@ -116,6 +116,35 @@ void press_filter::follow_receiver(const press_observation& group)
 
 void press_filter::take(const press_observation& group)
 {
+    observe(group);
+    d_next.clear();
+    d_best = lost;
+    if (d_first)
+        start(group);
+    const double steps = step_probability();
+    for (auto& from : d_kept) {
+        predict(from);
+        const double log_weight = from.log_weight;
+        if (steps < 1) {
+            from.log_weight = log_weight + std::log1p(-steps);
+            if (from.is == mixed)
+                if (auto stepped = from; step_level(stepped))
+                    branch(stepped);
+            branch(from);
+        }
+        from.log_weight = log_weight;
+        if (steps > 0 && may_count(from, std::log(steps) + d_peak)) {
+            from.log_weight = log_weight + std::log(steps);
+            step_receiver(from);
+            branch(from);
+        }
+    }
+    settle();
+    d_silent = false;
+}
+
+void press_filter::observe(const press_observation& group)
+{
     d_first = d_kept.empty();
     d_elapsed_s = d_first ? 0 : group.time_s - d_group.time_s;
     d_lasted_s += d_elapsed_s;
@@ -137,45 +166,27 @@ void press_filter::take(const press_observation& group)
     d_seen = { 0, 0, each, 4 * each };
     d_seen.grow(group.amplitude);
     find_peaks();
-    d_next.clear();
-    d_best = lost;
-    if (d_first)
-        start(group);
-    const double steps = step_probability();
-    for (auto& from : d_kept) {
-        from.line.predict(d_elapsed_s);
-        from.press.held.predict(d_elapsed_s);
-        const double fades = squared(d_set.fading_np) * d_elapsed_s;
-        for (auto* amplitudes : { &from.line.amplitude, &from.press.strength }) {
-            amplitudes->mean_variance += fades;
-            // What fades is the way to the tag, which both ends share.
-            amplitudes->difference_variance += d_off_differ ? 0 : fades;
-        }
-        from.age_s += d_elapsed_s;
-        from.turn.age_s += d_elapsed_s;
-        from.turn.sudden = false;
-        from.turn.failed += d_silent;
-        from.turn.watched_s += sees_turns(from) ? d_elapsed_s : 0;
-        const double fails = fail_probability(from);
-        d_log_fails = std::log(fails);
-        d_log_works = std::log1p(-fails);
-        const double log_weight = from.log_weight;
-        if (steps < 1) {
-            from.log_weight = log_weight + std::log1p(-steps);
-            if (from.is == mixed)
-                if (auto stepped = from; step_level(stepped))
-                    branch(stepped);
-            branch(from);
-        }
-        from.log_weight = log_weight;
-        if (steps > 0 && may_count(from, std::log(steps) + d_peak)) {
-            from.log_weight = log_weight + std::log(steps);
-            step_receiver(from);
-            branch(from);
-        }
+}
+
+// What is known of an explanation in this group before the group is seen.
+void press_filter::predict(explanation& from)
+{
+    from.line.predict(d_elapsed_s);
+    from.press.held.predict(d_elapsed_s);
+    const double fades = squared(d_set.fading_np) * d_elapsed_s;
+    for (auto* amplitudes : { &from.line.amplitude, &from.press.strength }) {
+        amplitudes->mean_variance += fades;
+        // What fades is the way to the tag, which both ends share.
+        amplitudes->difference_variance += d_off_differ ? 0 : fades;
     }
-    settle();
-    d_silent = false;
+    from.age_s += d_elapsed_s;
+    from.turn.age_s += d_elapsed_s;
+    from.turn.sudden = false;
+    from.turn.failed += d_silent;
+    from.turn.watched_s += learns_turns(from) ? d_elapsed_s : 0;
+    const double fails = fail_probability(from);
+    d_log_fails = std::log(fails);
+    d_log_works = std::log1p(-fails);
 }
 
 void press_filter::start(const press_observation& group)
@@ -199,7 +210,7 @@ void press_filter::start(const press_observation& group)
     touched.line.known = false;
     touched.log_weight = std::log1p(-sure);
     begin_press(touched);
-    see_strength(touched);
+    reset_strength(touched);
     give(touched, 0);
 }
 
@@ -675,43 +686,7 @@ void press_filter::claim_untouched(double probability)
     for (const auto& kept : d_kept)
         already += kept.is == untouched ? std::exp(kept.log_weight) : 0;
     if (already < 0.5) {
-        // It looked touched: the phases of the untouched line would be those of the
-        // newest group.
-        explanation next = d_kept.front();
-        const auto strength = seen_strength(next);
-        const bool held =
-            (next.is == pressed || next.is == unexplained) && !next.press.steady;
-        next.is = untouched;
-        next.line.known = true;
-        next.turn.goes_on = next.press.steady = false;
-        reset_baseline(next);
-        if (held) {
-            next.line.reset(next.press.motion.phase(), next.press.motion.covariance());
-            next.line.amplitude = strength;
-        } else
-            next.age_s = 0;
-        next.now = describe(next);
-        // If it is true, nothing changes any more; so it is compared with a press, or
-        // with whatever changed the group, that rests.
-        for (auto& kept : d_kept) {
-            kept.log_weight += std::log1p(-probability);
-            kept.claimed = kept.is != untouched;
-            if (kept.is == mixed) {
-                kept.is = unexplained;
-                kept.turn.goes_on = false;
-                begin_press(kept);
-                see_strength(kept);
-            } else if (kept.press.steady)
-                kept.hold_level();
-            else
-                continue;
-            kept.press.steady = false;
-            kept.age_s = 0;
-        }
-        next.claimed = true;
-        d_claimed = probability;
-        next.log_weight = std::log(probability);
-        d_kept.insert(d_kept.begin(), next);
+        suppose_untouched(probability);
         return;
     }
     // What the user says is worth so much, however often it is said.
@@ -721,6 +696,46 @@ void press_filter::claim_untouched(double probability)
         kept.log_weight += kept.is == untouched
                                ? std::log(sure / already)
                                : std::log((1 - sure) / std::max(1 - already, 1e-12));
+}
+
+// It looked touched: the phases of the untouched line would be those of the newest group.
+void press_filter::suppose_untouched(double probability)
+{
+    explanation next = d_kept.front();
+    const auto strength = shown_strength(next);
+    const bool held =
+        (next.is == pressed || next.is == unexplained) && !next.press.steady;
+    next.is = untouched;
+    next.line.known = true;
+    next.turn.goes_on = next.press.steady = false;
+    reset_baseline(next);
+    if (held) {
+        next.line.reset(next.press.motion.phase(), next.press.motion.covariance());
+        next.line.amplitude = strength;
+    } else
+        next.age_s = 0;
+    next.now = describe(next);
+    // If it is true, nothing changes any more; so it is compared with a press, or with
+    // whatever changed the group, that rests.
+    for (auto& kept : d_kept) {
+        kept.log_weight += std::log1p(-probability);
+        kept.claimed = kept.is != untouched;
+        if (kept.is == mixed) {
+            kept.is = unexplained;
+            kept.turn.goes_on = false;
+            begin_press(kept);
+            reset_strength(kept);
+        } else if (kept.press.steady)
+            kept.hold_level();
+        else
+            continue;
+        kept.press.steady = false;
+        kept.age_s = 0;
+    }
+    next.claimed = true;
+    d_claimed = probability;
+    next.log_weight = std::log(probability);
+    d_kept.insert(d_kept.begin(), next);
 }
 
 void press_filter::change_reference(const pair_of_ends& phase, const pair_of_ends& by)

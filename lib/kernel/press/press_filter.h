@@ -62,7 +62,10 @@ private:
 
     // press_filter.cc: what may follow, and what is kept of it.
     void start(const press_observation& group);
+    void observe(const press_observation& group);
     void follow_receiver(const press_observation& group);
+    void predict(explanation& from);
+    void suppose_untouched(double probability);
     void branch(const explanation& from);
     void branch_untouched(const explanation& from);
     void branch_touched(const explanation& from);
@@ -123,7 +126,7 @@ private:
     void mix(const explanation& from, double probability, double ends = 0);
 
     void move_cable(explanation& to, both_amplitudes& own) const;
-    void begin_turn(explanation& to) const;
+    void start_motion_at_line(explanation& to) const;
     void count_turn(explanation& to, const explanation& from) const;
     double follow_turn(explanation& to, const phase_motion& was) const;
     void part_turn(explanation& to,
@@ -156,7 +159,7 @@ private:
     double update_amplitude(explanation& of, both_amplitudes& own) const;
     void drift(explanation& to) const;
     void begin_press(explanation& to) const;
-    void see_strength(explanation& to) const;
+    void reset_strength(explanation& to) const;
     pair_of_ends press_direction(const explanation& of) const;
     double direction_variance(const explanation& of) const;
     double density(const explanation& of, const pair_of_ends& phase) const;
@@ -167,14 +170,16 @@ private:
     double hand_variance(std::size_t speed) const;
     double find_strength(explanation& to, double spread) const;
     double update_strength(explanation& to, double log_phases) const;
-    double update_turned(explanation& to, double log_phases, double variance) const;
-    double update_turn(explanation& to) const;
+    double update_strength_while_turning(explanation& to,
+                                         double log_phases,
+                                         double variance) const;
+    double update_from_off_states(explanation& to) const;
     double begin_strength(explanation& to, double spread) const;
     double update_mean(explanation& of, both_amplitudes& own, double seen) const;
     pair_of_ends caused_by_off(const explanation& of, const pair_of_ends& phase) const;
     bool shows_turns(const explanation& of) const;
-    bool sees_turns(const explanation& of) const;
-    both_amplitudes seen_strength(const explanation& of) const;
+    bool learns_turns(const explanation& of) const;
+    both_amplitudes shown_strength(const explanation& of) const;
     both_amplitudes seen_beside(const pair_of_ends& caused) const;
 
     // Groups in which something changes.

@@ -134,7 +134,7 @@ bool press_filter::step_level(explanation& to) const
     auto before = to;
     before.is = to.mixture.before;
     const auto was =
-        before.is == untouched ? before.line.amplitude : seen_strength(before);
+        before.is == untouched ? before.line.amplitude : shown_strength(before);
     const double by = d_seen.mean - was.mean,
                  variance = was.mean_variance + d_seen.mean_variance,
                  prior = happens(d_set.steps),
@@ -256,11 +256,11 @@ pair_of_ends press_filter::caused_by_off(const explanation& of,
 // Whether the amplitudes show how far both ends have turned.
 bool press_filter::shows_turns(const explanation& of) const
 {
-    return of.is != untouched && sees_turns(of);
+    return of.is != untouched && learns_turns(of);
 }
 
 // Whether a turn looks like nothing else in this state, so that its rate is learned.
-bool press_filter::sees_turns(const explanation& of) const
+bool press_filter::learns_turns(const explanation& of) const
 {
     return of.is == untouched || (d_off_differ && of.line.known && of.is != mixed);
 }
@@ -271,14 +271,15 @@ double press_filter::update_strength(explanation& to, double log_phases) const
 {
     if (!may_count(to, log_phases))
         return lost;
-    return log_phases +
-           (shows_turns(to) ? update_turn(to) : update_amplitude(to, to.press.strength));
+    return log_phases + (shows_turns(to) ? update_from_off_states(to)
+                                         : update_amplitude(to, to.press.strength));
 }
 
 // Likewise where what turns the tag changes the amplitudes of the press and of the line,
 // by this variance.
-double
-press_filter::update_turned(explanation& to, double log_phases, double variance) const
+double press_filter::update_strength_while_turning(explanation& to,
+                                                   double log_phases,
+                                                   double variance) const
 {
     auto& own = to.press.strength;
     const double before = own.mean;
@@ -292,7 +293,7 @@ press_filter::update_turned(explanation& to, double log_phases, double variance)
 // what the contact loses: a Kalman filter of both, which are correlated from then on. A
 // large turn bends what is seen, so that it is linearized again where the first pass
 // leads.
-double press_filter::update_turn(explanation& to) const
+double press_filter::update_from_off_states(explanation& to) const
 {
     auto& own = to.press.strength;
     const double known = to.line.common.estimate().variance;
@@ -332,10 +333,10 @@ double press_filter::begin_strength(explanation& to, double spread) const
     to.press.with_common = 0;
     own.mean_variance += squared(spread) / 2;
     own.difference_variance += d_off.variance(to.change(d_group.phase));
-    return update_turn(to);
+    return update_from_off_states(to);
 }
 
-both_amplitudes press_filter::seen_strength(const explanation& of) const
+both_amplitudes press_filter::shown_strength(const explanation& of) const
 {
     auto seen = of.press.strength;
     seen.grow(caused_by_off(of, of.press.motion.phase()));
@@ -351,7 +352,7 @@ void press_filter::begin_press(explanation& to) const
 }
 
 // Of a press of which nothing but this group is known.
-void press_filter::see_strength(explanation& to) const
+void press_filter::reset_strength(explanation& to) const
 {
     to.press.strength = seen_beside(caused_by_off(to, d_group.phase));
     to.press.with_common = 0;
