@@ -40,6 +40,8 @@ FAMILIES = {
     "off states alike": ("turned touches", "off states alike"),
     "loss": ("loss",),
     "weaker end": ("weaker end",),
+    "slow forces": ("slow forces",),
+    "bursts": ("bursts",),
 }
 
 
@@ -102,6 +104,29 @@ def _presses(rng, end):
         knots.append((time, 0.0, location))
         spans.append((begin, time))
         time += _one_of(rng, (0.005, 0.04), (0.04, 0.4), (0.4, 1.5), (2, 5))
+    return np.array(knots), spans
+
+
+def _slow_presses(rng, end):
+    """Likewise, of forces that rise or fall for seconds, by 0.05 to 2 N/s, or creep as silicone."""
+    knots, spans = [(0.0, 0.0, 40.0)], []
+    time = REFERENCE_S + rng.uniform(0.3, 1.5)
+    while time < end:
+        force, location, begin = log_uniform(rng, *_FORCE_N), _location(rng), time
+        knots += [(time, 0.0, location), (time + rng.uniform(0.01, 0.2), force, location)]
+        time = knots[-1][0]
+        lasts = rng.uniform(1, 5)
+        if rng.random() < 0.5:
+            to = force + rng.choice([-1, 1]) * log_uniform(rng, 0.05, 2) * lasts
+            knots += [(time + lasts, np.clip(to, *_FORCE_N), location)]
+        else:
+            per_e = rng.uniform(-0.08, 0.08) * force
+            later = np.geomspace(0.05, lasts, 30)
+            knots += [(time + x, force + per_e * np.log(x / 0.05), location) for x in later]
+        time = knots[-1][0] + rng.uniform(0.01, 0.2)
+        knots.append((time, 0.0, location))
+        spans.append((begin, time))
+        time += rng.uniform(0.3, 2)
     return np.array(knots), spans
 
 
@@ -201,7 +226,8 @@ class Sequence:
 
     def _tag(self, effects):
         rng, t = self._rng, self._t
-        knots, spans = _presses(rng, self._end)
+        presses = _slow_presses if "slow forces" in effects else _presses
+        knots, spans = presses(rng, self._end)
         force, location = (np.interp(t, knots[:, 0], knots[:, i]) for i in (1, 2))
         if "tremor" in effects:
             force *= 1 + self._tremor(spans)
@@ -245,6 +271,11 @@ class Sequence:
         ratios = np.exp(log_ratio)
         if "hand" in effects:
             ratios *= (1 + self._hand(spans))[:, None]
+        if "bursts" in effects:  # that hide the tag in a group, and are no noise of others
+            for at in _moments(rng, 1.5, self._end):
+                here = np.floor(t / self.period_s) == int(at / self.period_s)
+                by = log_uniform(rng, 0.2, 2) * np.exp(2j * np.pi * rng.random(2))
+                ratios[here] += by
         on = np.ones(len(t), bool)
         if "silence" in effects:
             for at in _moments(rng, 0.15, self._end):

@@ -25,6 +25,8 @@ LONG_TURNING = {
     "warm": 5e-3,
     "hand": 1e-2,
 }
+# Of which less than half of the touched readings has no flag.
+UNSTEADY = "hand", "contacts", "off states in error", "tremor", *TURNING
 # Where a stream has more to do than to read groups: some are missing, or there are tares.
 IN_STREAMS = "gaps", "silence", "tares", "mixture", "turning mixture"
 # Two sequences of short groups where all that may happen does, four of longer ones of each family.
@@ -57,7 +59,7 @@ def test_separated_groups_leave_no_wrong_reading_without_a_flag(family, snapshot
     if family == "plain":
         assert found.share("pressed, read", "pressed") > 0.75
         assert found.share("untouched, read", "untouched") > 0.95
-    elif family not in ("hand", "contacts", "off states in error", "tremor", *TURNING):
+    elif found.counts["pressed"] and family not in UNSTEADY:
         assert found.share("pressed, read", "pressed") > 0.45
 
 
@@ -90,8 +92,12 @@ ONCE_WRONG = [
     ("brownouts", 49, 2500, 20),
     ("warm", 54, 2500, 20),
     # A finger that warms the line for seconds was taken for a force that creeps.
-    ("warm", 121, 625, 200),
     ("warm", 159, 625, 200),
+    # A turn that takes several short groups was thought to end in each.
+    ("off states alike", 19, 63, 2000),
+    # At mid-line a force that falls slowly was taken for warmth.
+    ("plain", 174, 625, 200),
+    ("slow forces", 16, 625, 200),
 ]
 
 

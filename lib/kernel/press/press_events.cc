@@ -105,11 +105,22 @@ double press_filter::follow_turn(explanation& to, const phase_motion& was) const
     return likelihood;
 }
 
+// What a finger has warmed may cool from now on.
 void press_filter::release(const explanation& from, double probability)
+{
+    const bool cools = !from.turn.goes_on && d_set.drift_deg != 0;
+    const double cool = cools ? probability * warming : 0;
+    leave(from, probability - cool, false);
+    leave(from, cool, true);
+}
+
+void press_filter::leave(const explanation& from, double probability, bool cools)
 {
     auto* const next = follow(from, probability);
     if (!next)
         return;
+    if (cools)
+        next->turn.begin(warm_speed, false);
     next->is = untouched;
     next->age_s = 0;
     next->press.steady = false;
@@ -272,12 +283,13 @@ void press_filter::change_steadily(const explanation& from,
     auto* const next = follow(from, probability);
     if (!next)
         return;
-    if (!from.press.steady)
+    if (!from.press.steady) {
         next->hold_level();
+        next->age_s = 0;
+    }
     next->press.steady = true;
     next->press.slides = slides;
     next->press.speed = speed;
-    next->age_s = 0;
     drift(*next);
     // What slides, or rolls, moves both phases in any direction.
     const auto direction = press_direction(from);

@@ -152,7 +152,7 @@ void press_filter::observe(const press_observation& group)
     d_group = group;
     d_group.receiver_phase = d_passed.receiver_phase;
     d_group.receiver_amplitude = d_passed.receiver_amplitude;
-    d_group.receiver_variance = d_passed.receiver_variance;
+    d_group.receiver_variance = std::max(d_passed.receiver_variance, least_step_variance);
     d_group.retuned = d_passed.retuned;
     d_passed = {};
     const auto& noise = group.variance;
@@ -267,7 +267,11 @@ void press_filter::with_courses(const explanation& from,
         });
         return;
     }
-    const double turns = turn_probability(from), hands = hand_probability(from);
+    // While it changed, in all groups of that.
+    const double within_s =
+        d_elapsed_s + (from.is == mixed ? from.age_s - from.mixture.age_s : 0);
+    const double turns = turn_probability(from, within_s),
+                 hands = hand_probability(from, within_s);
     const auto widen = [](explanation& other, double phase, double amplitude) {
         other.line.common.widen(phase);
         other.line.amplitude.mean_variance += amplitude;
@@ -333,7 +337,9 @@ void press_filter::branch_touched(const explanation& from)
         held.press.steady = false;
         held.press.motion.move(from.turn.velocity, velocity_deviation(from));
         held.mean.weight = {};
-        turn_slowly(held, quiet * turns_on * (1 - changes_on), course::goes_on);
+        const double ends = quiet * turns_on * (1 - changes_on);
+        turn_slowly(held, ends / 2, course::goes_on);
+        change_speed(from, ends / 2);
         auto both = from;
         turn_unseen(both, 0.5);
         both.turn.goes_on = false;
@@ -348,7 +354,9 @@ void press_filter::branch_touched(const explanation& from)
                         from.press.slides,
                         from.press.speed);
         begin_turning(from, quiet * changes_on * turns, quiet * changes_on * hands);
-        stop_changing(from, quiet * (1 - changes_on));
+        const double ends = quiet * (1 - changes_on);
+        stop_changing(from, ends / 2);
+        change_speed(from, ends / 2);
     } else {
         const double rests = quiet * (1 - begins);
         hold(from, rests * (1 - turns - hands));
@@ -393,6 +401,11 @@ void press_filter::branch_mixed(const explanation& from)
     move_line(next, moves / all);
     if (touched)
         move_beside_press(next, moves / all);
+    // What was seen of one group was not the tag.
+    if (touched && single && !from.press.steady && !from.turn.goes_on) {
+        next.log_weight = from.log_weight - known;
+        hold(next, d_set.unexplained);
+    }
     with_courses(from, 1, [&](const explanation& tag, double share) {
         const double to_untouched = single && !touched ? 0
                                     : single && tag.line.known && !tag.turn.sudden
@@ -422,7 +435,9 @@ void press_filter::begin_turning(const explanation& from, double turns, double h
             turn_slowly(from, probability, course::begins, speed, near);
     };
     for (std::size_t i = 1; i <= tag_speeds; i++) {
-        begin(turns / tag_speeds, i, false);
+        // What turns faster than is followed in such groups turns suddenly.
+        if (i < tag_speeds || turning_speed(i) == turn_speeds[i])
+            begin(turns / tag_speeds, i, false);
         if (i <= hand_speeds)
             begin(hands / hand_speeds, i, true);
     }
@@ -433,8 +448,19 @@ void press_filter::begin_changing(const explanation& from, double probability)
     const double each = probability / speeds.size();
     for (std::size_t i = 0; i < speeds.size(); i++) {
         change_steadily(from, (1 - sliding) * each, false, i);
-        change_steadily(from, sliding * each, true, i);
+        if (i > 0) // what creeps stays where it is
+            change_steadily(from, sliding * each, true, i);
     }
+}
+
+// A steady change goes on, slower or faster.
+void press_filter::change_speed(const explanation& from, double probability)
+{
+    const auto [speed, slides] = std::pair(from.press.speed, from.press.slides);
+    if (speed > std::size_t(slides))
+        change_steadily(from, probability / 2, slides, speed - 1);
+    if (speed + 1 < speeds.size())
+        change_steadily(from, probability / 2, slides, speed + 1);
 }
 
 // Of what has this rate, that it happens in the time of a group.
@@ -446,19 +472,19 @@ double press_filter::happens(double rate, double seconds)
 }
 
 // Half of the turns are sudden.
-double press_filter::turn_probability(const explanation& of) const
+double press_filter::turn_probability(const explanation& of, double seconds) const
 {
     const double rate = d_set.turns_per_s >= 0
                             ? d_set.turns_per_s
                             : learned(d_set.turns, of.turn.seen, of.turn.watched_s);
-    return happens(rate / 2);
+    return happens(rate / 2, seconds);
 }
 
 // That a hand comes near, and the tag does not turn by itself.
-double press_filter::hand_probability(const explanation& of) const
+double press_filter::hand_probability(const explanation& of, double seconds) const
 {
-    return (1 - turn_probability(of)) *
-           happens(learned(d_set.hands, of.turn.hands, of.turn.watched_s));
+    return (1 - turn_probability(of, seconds)) *
+           happens(learned(d_set.hands, of.turn.hands, of.turn.watched_s), seconds);
 }
 
 double press_filter::move_probability(const explanation& of) const
@@ -508,7 +534,11 @@ double press_filter::duration_s(std::size_t speed) const
 
 double press_filter::turn_duration_s(const explanation& of) const
 {
-    return of.turn.goes_on && of.turn.speed == warm_speed ? warm_s : d_set.steady_s;
+    if (!of.turn.goes_on)
+        return d_set.steady_s;
+    return of.turn.speed == warm_speed   ? warm_s
+           : of.turn.speed == tag_speeds ? d_set.change_s
+                                         : d_set.steady_s;
 }
 
 // Of the velocity of a turn that begins, or goes on beside something new, rad/s.

@@ -72,6 +72,7 @@ private:
     void branch_mixed(const explanation& from);
     void begin_turning(const explanation& from, double turns, double hands);
     void begin_changing(const explanation& from, double probability);
+    void change_speed(const explanation& from, double probability);
     template <class Event>
     void with_courses(const explanation& from, double probability, Event&& event) const;
     double happens(double rate) const;
@@ -79,8 +80,16 @@ private:
     double learned(double per_s, double seen, double time_s) const;
     double move_probability(const explanation& of) const;
     double fail_probability(const explanation& of) const;
-    double turn_probability(const explanation& of) const;
-    double hand_probability(const explanation& of) const;
+    double turn_probability(const explanation& of, double seconds) const;
+    double turn_probability(const explanation& of) const
+    {
+        return turn_probability(of, d_elapsed_s);
+    }
+    double hand_probability(const explanation& of, double seconds) const;
+    double hand_probability(const explanation& of) const
+    {
+        return hand_probability(of, d_elapsed_s);
+    }
     double sudden_turn_variance() const;
     double going_on(double mean_s) const;
     double duration_s(std::size_t speed) const;
@@ -105,6 +114,7 @@ private:
                          std::size_t speed);
     void stop_changing(const explanation& from, double probability);
     void release(const explanation& from, double probability);
+    void leave(const explanation& from, double probability, bool cools);
     void move_line(const explanation& from, double probability);
     void move_beside_press(const explanation& from, double probability);
     void turn_suddenly(const explanation& from, double probability);

@@ -11,7 +11,7 @@
 namespace gr::wiforce::kernel {
 
 // Explanations that are kept; more are merged, by the evidence that is lost, or dropped.
-constexpr std::size_t most_kept = 40;
+constexpr std::size_t most_kept = 50;
 // Nats: two are one where no more of the evidence for either is lost.
 constexpr double no_loss = 0.1;
 // Explanations with less weight change no reading.
@@ -19,16 +19,21 @@ constexpr double least_weight = 3e-5;
 // Logarithm of a density or a weight that cannot count, below any other.
 constexpr double lost = -1e300;
 constexpr double deg = two_pi / 360; // rad
-// Speeds of steady changes, rad/s: a force that creeps, rises, is applied quickly, is a
-// tap.
-constexpr std::array<double, 4> speeds{ 5 * deg, 50 * deg, 500 * deg, 3000 * deg };
+// Speeds of steady changes, rad/s: a force that creeps, as slowly as a finger warms the
+// line, or faster, rises, is applied quickly, is a tap.
+constexpr std::array<double, 5> speeds{
+    1 * deg, 5 * deg, 50 * deg, 500 * deg, 3000 * deg
+};
 // Speeds of turns, rad/s: of a finger that warms the line from its contact on, then of
-// tags, the first two of which are those of hands nearby. What is no faster than
+// tags, the first two of which are those of hands nearby; the last is that of a turn
+// that is sudden in longer groups. What is no faster than
 // `slow_turn` is not named: the deviation of the force holds it.
-constexpr std::array<double, 4> turn_speeds{ 1 * deg, 5 * deg, 50 * deg, 500 * deg };
-constexpr std::size_t warm_speed = 0, slow_turn = 1, tag_speeds = 3, hand_speeds = 2;
+constexpr std::array<double, 5> turn_speeds{
+    1 * deg, 5 * deg, 50 * deg, 500 * deg, 3000 * deg
+};
+constexpr std::size_t warm_speed = 0, slow_turn = 1, tag_speeds = 4, hand_speeds = 2;
 // s: mean time for which a finger warms the line; share of contacts that do.
-constexpr double warm_s = 2.5, warming = 0.2;
+constexpr double warm_s = 5.0, warming = 0.2;
 // s: a turn changes its amplitude for so long at least, also in shorter groups.
 constexpr double least_turn_s = 0.05;
 // s: a sudden change that takes no more than this of a group is not seen to be inside it.
@@ -45,6 +50,8 @@ constexpr double ramp_deg = 4;
 // Per rad^2: density of the image below which the model does not contain a press; 1 / 8
 // of that of phases that may be anything.
 constexpr double outside = 0.003;
+// rad^2: of what the receiver has done; nothing is known exactly.
+constexpr double least_step_variance = 1e-12;
 // rad^2: variance of a phase of which nothing is known.
 constexpr double unknown_phase = two_pi * two_pi / 12;
 // Np: spread of amplitudes of contacts that the model does not contain.

@@ -465,3 +465,54 @@ def test_ends_whose_amplitudes_drift_apart_are_untouched(apart_np, noise_deg):
     found = explained(rows, filter_for(off, 0.036))
     untouched = probability(found, found["is"] == UNTOUCHED, count)
     assert untouched[30:-1].min() > 0.99
+
+
+def test_press_beside_a_turn_that_takes_groups_leaves_its_end_in_doubt():
+    """A turn of some groups is as many sudden ones; a contact may come before its end."""
+    period_s = 0.0036
+    phases = phases_of(MIDDLE - 28, pressed=40, released=0, noise_deg=0.1)
+    phases[57:60] += [[-5], [-12], [-20]]
+    found = explained(rows_of(phases, noise_deg=0.1, period_s=period_s), turns_per_s=0.3)
+    here = found[(found["row"] == 70) & (found["is"] == PRESSED)]
+    beside = np.degrees(here["baseline"].mean(axis=1)) + 28
+    within = np.abs(beside) < 2 * np.degrees(np.sqrt(here["common_variance"]))
+    assert here["weight"][within].sum() > 1e-3
+
+
+def test_force_that_rises_slowly_at_mid_line_is_not_taken_for_warmth_alone():
+    """Both explain it as well, so that neither is lost while it lasts."""
+    force = np.linspace(1.3, 3.9, 120)
+    press = np.array([MODEL.phases_deg(f, 40.0) for f in force]) - MODEL.untouched_deg()
+    phases = phases_of(press, pressed=120, released=0, noise_deg=0.03)
+    found = explained(rows_of(phases, noise_deg=0.03, period_s=0.036))
+    stays = np.abs(np.degrees(found["baseline"].mean(axis=1))) < 0.3
+    assert probability(found, stays & (found["is"] == PRESSED), 180)[60:150].min() > 1e-3
+
+
+def test_press_lasts_through_groups_of_something_else():
+    """It is not replaced by another one, which would be as likely as an untouched line there."""
+    model = wiforce.load_sensor("wiforce-2400mhz")
+    press = np.asarray(model.phases_deg(1.5, 40.0)) - model.untouched_deg()
+    press = (press + 180) % 360 - 180  # 30 and 27 degrees
+    rows = rows_of(phases_of(press, pressed=100, noise_deg=0.3), noise_deg=0.3, period_s=0.036)
+    rng = np.random.default_rng(5)
+    for group in (70, 76, 82, 88):
+        seen = np.exp(1j * rows["phase"][group])
+        seen += rng.uniform(0.3, 1.2) * np.exp(2j * np.pi * rng.random(2))
+        rows["phase"][group], rows["amplitude"][group] = np.angle(seen), np.log(np.abs(seen))
+    found = explained(rows, filter_of(model, 2400e6, 0.0, period_s=0.036))
+    assert probability(found, found["is"] == UNTOUCHED, 220)[62:158].max() < 0.01
+
+
+def test_line_that_cools_after_a_release_is_not_touched():
+    phases = phases_of(MIDDLE, pressed=100, released=120, noise_deg=0.03)
+    phases[160:] += 1.2 * np.exp(-0.036 * np.arange(120) / 2)[:, None]
+    found = explained(rows_of(phases, noise_deg=0.03, period_s=0.036))
+    touched = probability(found, found["is"] != UNTOUCHED, 280)
+    assert touched[180:278].max() < 0.05 and touched[270] < 1e-3
+
+
+def test_receiver_that_seems_to_be_known_exactly_is_no_reason_to_begin_anew():
+    rows = rows_of(phases_of(PRESS))
+    rows["receiver_variance"] = 0
+    assert state_of(explained(rows), 100) == (PRESSED, pytest.approx(1, abs=0.01))
