@@ -12,8 +12,8 @@ from sequence_readings import by_receiver, by_stream, score
 
 # What looks like a press where it coincides with one.
 TURNING = "turns", "turning mixture", "cables", "brownouts", "off states alike"
-# Of unflagged readings, for a few sequences and for 200.
-SHORT, LONG = 1e-3, 2e-4
+# Of unflagged readings, for a few sequences and for 200; and of those far off in 200.
+SHORT, LONG, FAR = 1e-3, 2e-4, 1e-4
 SHORT_TURNING = 3e-2
 LONG_TURNING = {
     "turns": 5e-3,
@@ -31,7 +31,7 @@ UNSTEADY = "hand", "contacts", "off states in error", "tremor", *TURNING
 IN_STREAMS = "gaps", "silence", "tares", "mixture", "turning mixture"
 # Two sequences of short groups where all that may happen does, four of longer ones of each family.
 SHORT_CASES = [(family, 625) for family in FAMILIES]
-SHORT_CASES += [(family, 125) for family in ("mixture", "turning mixture", "hand")]
+SHORT_CASES += [(family, 125) for family in ("mixture", "turning mixture", "hand", "bursts")]
 LONG_CASES = sorted({(f, n) for f in FAMILIES for n in (63, 125, 625, 2500)} - {*SHORT_CASES})
 
 
@@ -43,7 +43,8 @@ def assert_honest(found, family, limit):
     assert len(found.wrong) <= limit * found.counts["unflagged"], "\n".join(
         [str(found), *found.wrong[:10]]
     )
-    assert not found.far or family in LONG_TURNING, "\n".join(found.far[:10])
+    far = FAR * found.counts["unflagged"] if limit == LONG else 0
+    assert len(found.far) <= far or family in LONG_TURNING, "\n".join(found.far[:10])
 
 
 @pytest.mark.timeout(3000)

@@ -404,6 +404,7 @@ void press_filter::branch_mixed(const explanation& from)
     // What was seen of one group was not the tag.
     if (touched && single && !from.press.steady && !from.turn.goes_on) {
         next.log_weight = from.log_weight - known;
+        next.mean.weight = {};
         hold(next, d_set.unexplained);
     }
     with_courses(from, 1, [&](const explanation& tag, double share) {

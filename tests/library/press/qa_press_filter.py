@@ -516,3 +516,16 @@ def test_receiver_that_seems_to_be_known_exactly_is_no_reason_to_begin_anew():
     rows = rows_of(phases_of(PRESS))
     rows["receiver_variance"] = 0
     assert state_of(explained(rows), 100) == (PRESSED, pytest.approx(1, abs=0.01))
+
+
+def test_average_of_a_press_is_without_a_group_of_something_else():
+    phases = phases_of(PRESS, pressed=100)
+    phases[100] += (25, -15)
+    rows = rows_of(phases)
+    rows["amplitude"][100] = -0.4
+    found = explained(rows, smoothing_s=SMOOTHING_S)
+    first, _ = likeliest(found, len(phases))
+    after = found[first[101:106]]
+    assert (after["is"] == PRESSED).all()
+    off = np.degrees(np.angle(ratios_of(after) * np.exp(-1j * np.radians(PRESS))))
+    assert np.abs(off).max() < 4 * NOISE_DEG
