@@ -69,9 +69,11 @@ class LivePage(Output):
     def close(self) -> None:
         """End the process, after viewers have received the end of the run."""
         self._run.close()
-        end_within(self._process, _CLOSE_S)
-        self._publisher.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        try:
+            end_within(self._process, _CLOSE_S)
+        finally:
+            self._publisher.close()
+            shutil.rmtree(self._folder, ignore_errors=True)
 
 
 # The process, whose module this is as well. Readings come first where processors are short.

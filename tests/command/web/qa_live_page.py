@@ -137,3 +137,19 @@ def test_live_page_interrupted_while_its_process_starts_leaves_nothing(monkeypat
     gc.collect()  # of what the traceback holds
     assert started[0].wait(60) == 0 and capfd.readouterr().err == ""
     assert not folders[0].exists()
+
+
+def test_live_page_interrupted_while_it_closes_leaves_nothing(monkeypatch):
+    (port,) = free_ports(1)
+    page = live_page.LivePage(PageAddress.of(str(port)), print)
+    folder = Path(page.control.removeprefix("ipc://")).parent
+    wait = page._process.wait
+
+    def interrupted(*limit):
+        monkeypatch.setattr(page._process, "wait", wait)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(page._process, "wait", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        page.close()
+    assert page._process.poll() is not None and not folder.exists()
