@@ -105,7 +105,7 @@ double press_filter::follow_turn(explanation& to, const phase_motion& was) const
     return likelihood;
 }
 
-// What a finger has warmed may cool from now on.
+// What a finger has warmed, or pressed for long, may come back slowly from now on.
 void press_filter::release(const explanation& from, double probability)
 {
     const bool cools = !from.turn.goes_on && d_set.drift_deg != 0;

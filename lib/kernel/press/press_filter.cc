@@ -337,9 +337,10 @@ void press_filter::branch_touched(const explanation& from)
         held.press.steady = false;
         held.press.motion.move(from.turn.velocity, velocity_deviation(from));
         held.mean.weight = {};
-        const double ends = quiet * turns_on * (1 - changes_on);
-        turn_slowly(held, ends / 2, course::goes_on);
-        change_speed(from, ends / 2);
+        held.age_s = 0;
+        turn_slowly(held,
+                    change_speed(from, quiet * turns_on * (1 - changes_on)),
+                    course::goes_on);
         auto both = from;
         turn_unseen(both, 0.5);
         both.turn.goes_on = false;
@@ -354,9 +355,7 @@ void press_filter::branch_touched(const explanation& from)
                         from.press.slides,
                         from.press.speed);
         begin_turning(from, quiet * changes_on * turns, quiet * changes_on * hands);
-        const double ends = quiet * (1 - changes_on);
-        stop_changing(from, ends / 2);
-        change_speed(from, ends / 2);
+        stop_changing(from, change_speed(from, quiet * (1 - changes_on)));
     } else {
         const double rests = quiet * (1 - begins);
         hold(from, rests * (1 - turns - hands));
@@ -435,10 +434,11 @@ void press_filter::begin_turning(const explanation& from, double turns, double h
         else
             turn_slowly(from, probability, course::begins, speed, near);
     };
-    for (std::size_t i = 1; i <= tag_speeds; i++) {
-        // What turns faster than is followed in such groups turns suddenly.
-        if (i < tag_speeds || turning_speed(i) == turn_speeds[i])
-            begin(turns / tag_speeds, i, false);
+    // The fastest is a sudden turn where a group may hold all of it.
+    const bool fast = turn_speeds[fast_turn] * d_set.period_s < d_set.turn_deg * deg;
+    const std::size_t last = fast ? fast_turn : fast_turn - 1;
+    for (std::size_t i = 1; i <= last; i++) {
+        begin(turns / static_cast<double>(last), i, false);
         if (i <= hand_speeds)
             begin(hands / hand_speeds, i, true);
     }
@@ -448,20 +448,28 @@ void press_filter::begin_changing(const explanation& from, double probability)
 {
     const double each = probability / speeds.size();
     for (std::size_t i = 0; i < speeds.size(); i++) {
-        change_steadily(from, (1 - sliding) * each, false, i);
-        if (i > 0) // what creeps stays where it is
-            change_steadily(from, sliding * each, true, i);
+        const double slides = i > 0 ? sliding : 0; // what creeps stays where it is
+        change_steadily(from, (1 - slides) * each, false, i);
+        if (slides > 0)
+            change_steadily(from, slides * each, true, i);
     }
 }
 
-// A steady change goes on, slower or faster.
-void press_filter::change_speed(const explanation& from, double probability)
+// A steady change ends: half of those that can go on slower or faster, do.
+double press_filter::change_speed(const explanation& from, double probability)
 {
     const auto [speed, slides] = std::pair(from.press.speed, from.press.slides);
-    if (speed > std::size_t(slides))
-        change_steadily(from, probability / 2, slides, speed - 1);
-    if (speed + 1 < speeds.size())
-        change_steadily(from, probability / 2, slides, speed + 1);
+    const double each = probability / 4;
+    double rests = probability;
+    if (speed > std::size_t(slides)) {
+        change_steadily(from, each, slides, speed - 1);
+        rests -= each;
+    }
+    if (speed + 1 < speeds.size()) {
+        change_steadily(from, each, slides, speed + 1);
+        rests -= each;
+    }
+    return rests;
 }
 
 // Of what has this rate, that it happens in the time of a group.
@@ -537,9 +545,9 @@ double press_filter::turn_duration_s(const explanation& of) const
 {
     if (!of.turn.goes_on)
         return d_set.steady_s;
-    return of.turn.speed == warm_speed   ? warm_s
-           : of.turn.speed == tag_speeds ? d_set.change_s
-                                         : d_set.steady_s;
+    return of.turn.speed == warm_speed  ? warm_s
+           : of.turn.speed == fast_turn ? d_set.change_s
+                                        : d_set.steady_s;
 }
 
 // Of the velocity of a turn that begins, or goes on beside something new, rad/s.

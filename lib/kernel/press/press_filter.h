@@ -72,7 +72,8 @@ private:
     void branch_mixed(const explanation& from);
     void begin_turning(const explanation& from, double turns, double hands);
     void begin_changing(const explanation& from, double probability);
-    void change_speed(const explanation& from, double probability);
+    // Gives the probability of coming to rest.
+    double change_speed(const explanation& from, double probability);
     template <class Event>
     void with_courses(const explanation& from, double probability, Event&& event) const;
     double happens(double rate) const;

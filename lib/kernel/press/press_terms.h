@@ -19,8 +19,9 @@ constexpr double least_weight = 3e-5;
 // Logarithm of a density or a weight that cannot count, below any other.
 constexpr double lost = -1e300;
 constexpr double deg = two_pi / 360; // rad
-// Speeds of steady changes, rad/s: a force that creeps, as slowly as a finger warms the
-// line, or faster, rises, is applied quickly, is a tap.
+// Speeds of steady changes, and by how much they change in a root second, rad/s: forces
+// that creep as slowly as a finger warms the line, that creep faster, rise, are applied
+// quickly, are taps.
 constexpr std::array<double, 5> speeds{
     1 * deg, 5 * deg, 50 * deg, 500 * deg, 3000 * deg
 };
@@ -31,8 +32,9 @@ constexpr std::array<double, 5> speeds{
 constexpr std::array<double, 5> turn_speeds{
     1 * deg, 5 * deg, 50 * deg, 500 * deg, 3000 * deg
 };
-constexpr std::size_t warm_speed = 0, slow_turn = 1, tag_speeds = 4, hand_speeds = 2;
-// s: mean time for which a finger warms the line; share of contacts that do.
+constexpr std::size_t warm_speed = 0, slow_turn = 1, fast_turn = 4, hand_speeds = 2;
+// s: mean time for which a finger warms the line, or this cools after a release; share
+// of contacts, and of releases, that do.
 constexpr double warm_s = 5.0, warming = 0.2;
 // s: a turn changes its amplitude for so long at least, also in shorter groups.
 constexpr double least_turn_s = 0.05;

@@ -468,7 +468,7 @@ def test_ends_whose_amplitudes_drift_apart_are_untouched(apart_np, noise_deg):
 
 
 def test_press_beside_a_turn_that_takes_groups_leaves_its_end_in_doubt():
-    """A turn of some groups is as many sudden ones; a contact may come before its end."""
+    """A contact may come before a turn of some groups, too fast for longer ones, has ended."""
     period_s = 0.0036
     phases = phases_of(MIDDLE - 28, pressed=40, released=0, noise_deg=0.1)
     phases[57:60] += [[-5], [-12], [-20]]
