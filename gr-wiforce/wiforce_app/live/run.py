@@ -112,8 +112,10 @@ class LiveRun:
                         self._look(requests)
                 finally:
                     self._service.stopping()
-                    self._keeper.stop()
-                    session.stop()
+                    try:
+                        self._keeper.stop()
+                    finally:
+                        session.stop()
             if session.reader.failure is not None:
                 raise session.reader.failure
         finally:

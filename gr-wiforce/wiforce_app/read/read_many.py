@@ -144,7 +144,7 @@ class _Summary:
     def list_failures(self):
         """Print each capture that could not be read, and why."""
         for name, error in sorted(self.failures.items()):
-            log.info(f"error: {name}: {_text_of(error)}")
+            log.error(f"error: {name}: {_text_of(error)}")
 
     @property
     def status(self):
