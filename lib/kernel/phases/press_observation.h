@@ -5,6 +5,10 @@
 
 namespace gr::wiforce::kernel {
 
+// Variance of the phase and of the amplitude, rad^2 and Np^2, of the static path of a
+// converter, of 2 mdeg: of the receiver, no less.
+constexpr double least_receiver_variance = 1e-9;
+
 //! A group: R of both ends as phases and amplitudes, and what is known beside them.
 struct press_observation {
     double time_s = 0;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "receiver_steps.h"
+#include "press_observation.h"
 
 #include <algorithm>
 #include <cmath>
@@ -13,8 +14,6 @@ namespace {
 // Time over which the static path's own movement is averaged, in s, and how much a single
 // group adds to it: a step must not hide the next one.
 constexpr double memory_s = 1.0, most = 9.0;
-// Variance of the static path of a converter, of 2 mdeg: of the receiver, no less.
-constexpr double least = 1e-9;
 // Part of the time for which an end is switched on: so much of it is in a group's mean.
 constexpr double duty = 0.25;
 // |R - R'|^2 of an end that turns to the opposite, where it is not seen.
@@ -28,7 +27,10 @@ receiver_steps::receiver_steps(double group_period_s)
 {
 }
 
-receiver_steps::change receiver_steps::none() { return { 0.0, 0.0, least }; }
+receiver_steps::change receiver_steps::none()
+{
+    return { 0.0, 0.0, least_receiver_variance };
+}
 
 receiver_steps::change receiver_steps::next(const group& of)
 {
@@ -61,7 +63,7 @@ receiver_steps::change receiver_steps::next(const group& of)
     }
     if (!std::isfinite(own))
         return none();
-    const double least_own = std::max(own, least);
+    const double least_own = std::max(own, least_receiver_variance);
     // Noise, where nothing is sent, and a path of another shape, as with another timing,
     // say nothing of a common factor.
     if (!same)
@@ -72,7 +74,7 @@ receiver_steps::change receiver_steps::next(const group& of)
     if (std::isnan(d_variance))
         d_variance = least_own;
     const double variance = std::max(d_variance, least_own);
-    const double limit = most * std::max(d_variance, least);
+    const double limit = most * std::max(d_variance, least_receiver_variance);
     d_variance += d_share * (std::min(square, limit) - d_variance);
     return { turn, gain, variance };
 }

@@ -108,8 +108,7 @@ double press_filter::follow_turn(explanation& to, const phase_motion& was) const
 // What a finger has warmed, or pressed for long, may come back slowly from now on.
 void press_filter::release(const explanation& from, double probability)
 {
-    const bool cools = !from.turn.goes_on && d_set.drift_deg != 0;
-    const double cool = cools ? probability * warming : 0;
+    const double cool = probability * warming_probability(from);
     leave(from, probability - cool, false);
     leave(from, cool, true);
 }
@@ -173,8 +172,7 @@ void press_filter::touch(const explanation& from,
 // A finger may warm the line from now on.
 void press_filter::press(const explanation& from, double probability)
 {
-    const bool warms = !from.turn.goes_on && d_set.drift_deg != 0;
-    const double warm = warms ? probability * warming : 0;
+    const double warm = probability * warming_probability(from);
     touch(from, probability - warm, pressed);
     touch(from, warm, pressed, true);
 }

@@ -152,7 +152,8 @@ void press_filter::observe(const press_observation& group)
     d_group = group;
     d_group.receiver_phase = d_passed.receiver_phase;
     d_group.receiver_amplitude = d_passed.receiver_amplitude;
-    d_group.receiver_variance = std::max(d_passed.receiver_variance, least_step_variance);
+    d_group.receiver_variance =
+        std::max(d_passed.receiver_variance, least_receiver_variance);
     d_group.retuned = d_passed.retuned;
     d_passed = {};
     const auto& noise = group.variance;
@@ -450,8 +451,7 @@ void press_filter::begin_changing(const explanation& from, double probability)
     for (std::size_t i = 0; i < speeds.size(); i++) {
         const double slides = i > 0 ? sliding : 0; // what creeps stays where it is
         change_steadily(from, (1 - slides) * each, false, i);
-        if (slides > 0)
-            change_steadily(from, slides * each, true, i);
+        change_steadily(from, slides * each, true, i);
     }
 }
 
@@ -487,6 +487,12 @@ double press_filter::turn_probability(const explanation& of, double seconds) con
                             ? d_set.turns_per_s
                             : learned(d_set.turns, of.turn.seen, of.turn.watched_s);
     return happens(rate / 2, seconds);
+}
+
+// That a contact begins to warm the line, or a release to let it cool.
+double press_filter::warming_probability(const explanation& of) const
+{
+    return of.turn.goes_on || d_set.drift_deg == 0 ? 0 : warming;
 }
 
 // That a hand comes near, and the tag does not turn by itself.

@@ -91,6 +91,7 @@ private:
     {
         return hand_probability(of, d_elapsed_s);
     }
+    double warming_probability(const explanation& of) const;
     double sudden_turn_variance() const;
     double going_on(double mean_s) const;
     double duration_s(std::size_t speed) const;
