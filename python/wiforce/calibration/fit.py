@@ -3,6 +3,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -22,18 +23,24 @@ Samples = Sequence[tuple[np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class ForceCurve:
-    """One fitted curve: coefficients (K,), covariance (K, K) at unit noise.
+    """One fitted curve: coefficients (K,) of its basis, covariance (K, K) at unit noise.
 
-    ``residual`` (n,), in deg, and ``slope`` (n,), in deg/N, are by rising force. ``freedom`` is
-    tr((I - A)^2) of the smoother A, the sum of squares at unit noise (T. Hastie and R. Tibshirani,
-    *Generalized Additive Models*, 1990, section 3.5).
+    ``residual`` (n,), in deg, is by rising force. ``freedom`` is tr((I - A)^2) of the smoother A,
+    the sum of squares at unit noise (T. Hastie and R. Tibshirani, *Generalized Additive Models*,
+    1990, section 3.5).
     """
 
+    basis: curves.Basis
+    force_n: np.ndarray  # rising
     coefficients: np.ndarray
     unit_covariance: np.ndarray
     residual: np.ndarray
-    slope: np.ndarray
     freedom: float
+
+    @cached_property
+    def slope(self) -> np.ndarray:
+        """In deg/N at its forces, (n,); curves that are only tried need none."""
+        return curves.slope_over_force(lambda n: self.basis(n) @ self.coefficients, self.force_n)
 
 
 class CurveFitter:
@@ -90,9 +97,8 @@ class CurveFitter:
         freedom = max(len(force_n) - len(triangle) + left, np.finfo(float).eps)
         order = np.argsort(force_n, kind="stable")
         residual = (value_deg - basis @ coefficients)[order]
-        slope = curves.slope_over_force(lambda force: self.basis(force) @ coefficients, force_n)
-        covariance = np.linalg.inv(precision)
-        return ForceCurve(coefficients, covariance, residual, slope[order], float(freedom))
+        own = self.basis, force_n[order], coefficients, np.linalg.inv(precision)
+        return ForceCurve(*own, residual, float(freedom))
 
     def value(self, fit: ForceCurve, force_n: np.ndarray | float) -> np.ndarray:
         """Evaluate a fitted curve, in degrees, at forces in N."""
