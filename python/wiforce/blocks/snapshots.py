@@ -18,6 +18,7 @@ from .stream_watch import DeviceSettings, Timeline, between_tags
 _NOISE = pmt.intern(names.NOISE)
 # What is true of the ratio where it is true of either antenna.
 _OF_EITHER = {names.SATURATED, names.RETUNED}
+_VALUES = 4  # I and Q of a sample of two antennas
 
 
 class antenna_ratio(Kept, gr.sync_block):
@@ -186,11 +187,11 @@ class free_fold(Kept, gr.basic_block):
                 self._gaps += 1
 
     def _lose(self, samples: int) -> None:
-        self._fold(self.follower.lose(samples, 4))
+        self._fold(self.follower.lose(samples, _VALUES))
         self._begins = True
 
     def _fold(self, samples: Array) -> None:
-        frames = samples.reshape(-1, self._waveform.frame_length, 4)
+        frames = samples.reshape(-1, self._waveform.frame_length, _VALUES)
         if not len(frames):
             return
         if self._begins:

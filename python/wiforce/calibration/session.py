@@ -171,9 +171,19 @@ _LOW_PART, _HIGH_PART = 0.5, 1.25
 # Untouched phases of runs with the same scene agree within this: their difference is drift.
 _UNTOUCHED_DEG = 1.0
 _COLUMNS = (
-    "time_utc sensor freq_mhz location_mm force_n force_std_n phase1_deg phase2_deg phase1_std_deg "
-    "phase2_std_deg groups press"
-).split()
+    "time_utc",
+    "sensor",
+    "freq_mhz",
+    "location_mm",
+    "force_n",
+    "force_std_n",
+    "phase1_deg",
+    "phase2_deg",
+    "phase1_std_deg",
+    "phase2_std_deg",
+    "groups",
+    "press",
+)
 
 
 class Target(NamedTuple):

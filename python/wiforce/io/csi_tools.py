@@ -347,7 +347,7 @@ def convert(path: str, tool: str, output: str, mac: str = "") -> None:
         _, chip, mhz = tool.split("/")
         found = _nexmon_packets(path, chip, mhz, mac)
     else:
-        found = _intel(path) if tool == "intel" else _atheros(path)
+        found = {"intel": _intel, "atheros": _atheros}[tool](path)
     np.savez(
         output,
         time_s=found.time_s,

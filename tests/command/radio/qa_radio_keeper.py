@@ -185,7 +185,7 @@ def test_a_process_that_was_stopped_does_not_take_its_device_for_lost():
 
 
 def test_keeper_asked_again_to_stop_does_not_leave_the_device_to_a_driver_that_hangs():
-    """The next run was told that another process uses the device."""
+    """The next run could not open the device, which that process had kept."""
     link = Mock(opened=True, started=True, underflows_s=[])
     link.stop.side_effect = KeyboardInterrupt
     bench = Bench()
