@@ -271,11 +271,12 @@ class Sequence:
         ratios = np.exp(log_ratio)
         if "hand" in effects:
             ratios *= (1 + self._hand(spans))[:, None]
-        if "bursts" in effects:  # that hide the tag in a group, and are no noise of others
+        if "bursts" in effects:  # that hide the tag, of another phase in each group
             for at in _moments(rng, 1.5, self._end):
-                here = np.floor(t / self.period_s) == int(at / self.period_s)
-                by = log_uniform(rng, 0.2, 2) * np.exp(2j * np.pi * rng.random(2))
-                ratios[here] += by
+                here = (t > at) & (t < at + log_uniform(rng, 0.002, 0.05))
+                angles = rng.random((self.groups, 1, 2)).repeat(self._shape[1], axis=1)
+                by = log_uniform(rng, 0.2, 2) * np.exp(2j * np.pi * angles.reshape(-1, 2))
+                ratios[here] += by[here]
         on = np.ones(len(t), bool)
         if "silence" in effects:
             for at in _moments(rng, 0.15, self._end):

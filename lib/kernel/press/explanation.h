@@ -162,6 +162,7 @@ struct explanation {
         bool single = true;     // one group so far
     } mixture;
 
+    double log_fails = 0, log_works = 0; // that the supply fails in this group, or not
     double in_part = 0;   // probability that a part of this group was received only
     bool claimed = false; // nothing has changed since the user said that it is untouched
     average_of_groups mean;

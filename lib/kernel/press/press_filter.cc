@@ -186,8 +186,8 @@ void press_filter::predict(explanation& from)
     from.turn.failed += d_silent;
     from.turn.watched_s += learns_turns(from) ? d_elapsed_s : 0;
     const double fails = fail_probability(from);
-    d_log_fails = std::log(fails);
-    d_log_works = std::log1p(-fails);
+    from.log_fails = std::log(fails);
+    from.log_works = std::log1p(-fails);
 }
 
 void press_filter::start(const press_observation& group)
@@ -321,7 +321,8 @@ void press_filter::branch_touched(const explanation& from)
                  changes_on =
                      from.press.steady ? going_on(duration_s(from.press.speed)) : 0,
                  between = between_groups();
-    const double sudden = may.all - may.steadily + turns + 2 * moves;
+    const double sudden =
+        may.all - may.steadily + turns + 2 * moves + happens(d_set.steps);
     const double quiet = std::max(1 - sudden, 1e-3);
     const double begins = may.steadily / std::max(quiet, may.steadily);
     if (from.turn.goes_on && from.press.steady) {
@@ -380,10 +381,10 @@ void press_filter::branch_mixed(const explanation& from)
     const changes may(from.mixture.age_s, d_elapsed_s, 1, d_set);
     const bool touched = from.mixture.before != untouched;
     const double turns = turn_probability(from), moves = move_probability(from),
-                 lasts = lasting();
-    const double all =
-        (may.all - (touched ? may.steadily : 0) + turns + (touched ? 2 : 1) * moves) /
-        (1 - lasts);
+                 bursts = touched ? happens(d_set.steps) : 0, lasts = lasting();
+    const double all = (may.all - (touched ? may.steadily : 0) + turns +
+                        (touched ? 2 : 1) * moves + bursts) /
+                       (1 - lasts);
     // What was seen of a single group of change lies between the states before and after
     // it.
     const bool single = from.mixture.single;
@@ -401,12 +402,15 @@ void press_filter::branch_mixed(const explanation& from)
     move_line(next, moves / all);
     if (touched)
         move_beside_press(next, moves / all);
-    // What was seen of one group was not the tag.
-    if (touched && single && !from.press.steady && !from.turn.goes_on) {
-        next.log_weight = from.log_weight - known;
-        next.mean.weight = {};
-        hold(next, d_set.unexplained);
-    }
+    // What was seen was not the tag.
+    next.log_weight = from.log_weight - known;
+    next.mean.weight = {};
+    if (from.press.steady)
+        change_steadily(next, bursts / all, from.press.slides, from.press.speed);
+    else if (from.turn.goes_on)
+        turn_slowly(next, bursts / all, course::goes_on);
+    else
+        hold(next, bursts / all);
     with_courses(from, 1, [&](const explanation& tag, double share) {
         const double to_untouched = single && !touched ? 0
                                     : single && tag.line.known && !tag.turn.sudden

@@ -225,9 +225,6 @@ private:
     phase_covariance d_noise;
     double d_common_noise = 0, d_difference_noise = 0;
     both_amplitudes d_seen; // as if nothing but the group were known
-    // Of the explanation that is followed: that the tag's supply fails in the group, or
-    // not.
-    double d_log_fails = 0, d_log_works = 0;
 };
 
 } // namespace gr::wiforce::kernel

@@ -235,10 +235,10 @@ double press_filter::update_amplitude(explanation& of, both_amplitudes& own) con
 double press_filter::update_mean(explanation& of, both_amplitudes& own, double seen) const
 {
     const double off = seen - own.mean, above = std::max(off, 0.0);
-    const double part = d_log_fails + off - above -
+    const double part = of.log_fails + off - above -
                         squared(above) / 2 / (own.mean_variance + d_seen.mean_variance);
     auto taken = own;
-    const double all = d_log_works + taken.update_mean(seen, d_seen.mean_variance);
+    const double all = of.log_works + taken.update_mean(seen, d_seen.mean_variance);
     if (all > part)
         own = taken;
     of.in_part = 1 / (1 + std::exp(all - part));
