@@ -118,7 +118,8 @@ void press_filter::leave(const explanation& from, double probability, bool cools
     auto* const next = follow(from, probability);
     if (!next)
         return;
-    if (cools)
+    // What was warmed cools, whether it went on warming or not.
+    if (cools || (from.turn.goes_on && from.turn.speed == warm_speed))
         next->turn.begin(warm_speed, false);
     next->is = untouched;
     next->age_s = 0;
