@@ -248,6 +248,7 @@ void explanation::merge(const explanation& other, double share)
     mean(turn.hands, other.turn.hands);
     mean(turn.moved, other.turn.moved);
     mean(turn.failed, other.turn.failed);
+    mean(turn.bursts, other.turn.bursts);
     mean(turn.watched_s, other.turn.watched_s);
     mean(mixture.age_s, other.mixture.age_s);
     mixture.log_density = -std::log((1 - share) * std::exp(-mixture.log_density) +

@@ -130,7 +130,7 @@ struct explanation {
         // Turns seen where nothing looks alike, in this time, hands, and cables that
         // moved.
         double seen = 0, hands = 0, moved = 0, watched_s = 0;
-        double failed = 0; // how often the tag's supply has
+        double failed = 0, bursts = 0; // of the tag's supply, and what has hidden it
 
         void begin(std::size_t at_speed, bool near)
         {

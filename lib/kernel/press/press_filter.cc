@@ -294,7 +294,8 @@ void press_filter::branch_untouched(const explanation& from)
     const double turns = turn_probability(from), moves = move_probability(from),
                  hands = hand_probability(from),
                  goes_on = going_on(turn_duration_s(from)), between = between_groups();
-    const double sudden = may.all + turns + moves, quiet = std::max(1 - sudden, 1e-3);
+    const double sudden = may.all + turns + moves + burst_probability(from);
+    const double quiet = std::max(1 - sudden, 1e-3);
     if (from.turn.goes_on) {
         turn_slowly(from, quiet * goes_on, course::goes_on);
         turn_slowly(from, quiet * (1 - goes_on), course::ends);
@@ -381,7 +382,7 @@ void press_filter::branch_mixed(const explanation& from)
     const changes may(from.mixture.age_s, d_elapsed_s, 1, d_set);
     const bool touched = from.mixture.before != untouched;
     const double turns = turn_probability(from), moves = move_probability(from),
-                 bursts = touched ? happens(d_set.steps) : 0, lasts = lasting();
+                 bursts = burst_probability(from), lasts = lasting();
     const double all = (may.all - (touched ? may.steadily : 0) + turns +
                         (touched ? 2 : 1) * moves + bursts) /
                        (1 - lasts);
@@ -405,10 +406,13 @@ void press_filter::branch_mixed(const explanation& from)
     // What was seen was not the tag.
     next.log_weight = from.log_weight - known;
     next.mean.weight = {};
-    if (from.press.steady)
-        change_steadily(next, bursts / all, from.press.slides, from.press.speed);
-    else if (from.turn.goes_on)
+    next.turn.bursts++;
+    if (next.turn.goes_on)
         turn_slowly(next, bursts / all, course::goes_on);
+    else if (!touched)
+        remain_untouched(next, bursts / all);
+    else if (next.press.steady)
+        change_steadily(next, bursts / all, next.press.slides, next.press.speed);
     else
         hold(next, bursts / all);
     with_courses(from, 1, [&](const explanation& tag, double share) {
@@ -509,6 +513,12 @@ double press_filter::hand_probability(const explanation& of, double seconds) con
 double press_filter::move_probability(const explanation& of) const
 {
     return happens(learned(d_set.steps, of.turn.moved, of.turn.watched_s));
+}
+
+// That something that is not the tag hides it.
+double press_filter::burst_probability(const explanation& of) const
+{
+    return happens(learned(d_set.steps, of.turn.bursts, d_lasted_s));
 }
 
 // That the tag was received in a part of the group only.

@@ -80,6 +80,7 @@ private:
     static double happens(double rate, double seconds);
     double learned(double per_s, double seen, double time_s) const;
     double move_probability(const explanation& of) const;
+    double burst_probability(const explanation& of) const;
     double fail_probability(const explanation& of) const;
     double turn_probability(const explanation& of, double seconds) const;
     double turn_probability(const explanation& of) const
