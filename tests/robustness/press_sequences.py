@@ -17,7 +17,7 @@ _FORCE_N = (1.3, 8.0)
 OFF_STATES, OFF_ALIKE, OFF_ERROR = (0.3, -0.3), (0.12 - 0.17j, 0.12 - 0.17j), 0.05
 _SOME_ENDS = np.array([[1, 0], [0, 1], [1, 1]])
 
-#: What happens in each family beside presses.
+#: What happens in each family beside presses; new ones at the end, as their place is a seed.
 FAMILIES = {
     "plain": (),
     "gaps": ("gaps",),

@@ -113,7 +113,7 @@ press_reading::reading press_reading::read(const sensor_group& of,
         found.clear = !found.flags;
         return found;
     }
-    double by_state[4] = {}, doubtful = 0, turning = 0, in_part = 0;
+    double by_state[press_states] = {}, doubtful = 0, turning = 0, in_part = 0;
     for (const auto* each = first; each != end; each++) {
         by_state[each->is] += each->weight;
         if (each->is != mixed && !each->known)

@@ -20,6 +20,7 @@ enum press_state {
     pressed,     // as the model has it
     unexplained, // touched, but not by any press of the model
     mixed,       // something changed inside the group
+    press_states // how many there are
 };
 
 //! Phases and amplitudes of both ends, averaged for as long as nothing changes.

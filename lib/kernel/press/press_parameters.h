@@ -32,7 +32,7 @@ struct press_parameters {
         3e-4; // 1/s: hands that come near, or move there, until they are learned
     double steps =
         0.003; // 1/s: steps of the receiver's phase or gain, and of the tag's level;
-               // until they are learned, failing supplies and moves of a cable
+               // until they are learned, bursts, failing supplies and moves of a cable
     double rarest = 1e-5;     // 1/s: what happens less often is not followed
     double contact_np = 0.05; // spread of a contact's loss of amplitude
     double aside = 0.1; // rad: error of the direction in which the model moves a press
