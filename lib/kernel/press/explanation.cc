@@ -66,10 +66,21 @@ void drifting_phases::turn(const pair_of_ends& by)
     difference.turn(apart);
 }
 
-void drifting_phases::widen(const phase_covariance& by)
+void drifting_phases::widen(const phase_covariance& by, double times)
 {
-    common.widen(of_mean(by));
-    difference.widen(of_difference(by));
+    common.widen(times * of_mean(by));
+    difference.widen(times * of_difference(by));
+}
+
+phase_covariance drifting_phases::with() const
+{
+    return of_ends(common.with(), difference.with());
+}
+
+void drifting_phases::tie(const phase_covariance& by)
+{
+    common.tie(of_mean(by));
+    difference.tie(of_difference(by));
 }
 
 void drifting_phases::predict(double seconds)
@@ -198,6 +209,12 @@ pair_of_ends press_outcome::apart(const press_outcome& other) const
 {
     return mean_and_difference({ wrapped(other.baseline[0] - baseline[0]),
                                  wrapped(other.baseline[1] - baseline[1]) });
+}
+
+pair_of_ends press_outcome::seen_apart(const press_outcome& other) const
+{
+    return mean_and_difference({ wrapped(other.mean.phase[0] - mean.phase[0]),
+                                 wrapped(other.mean.phase[1] - mean.phase[1]) });
 }
 
 void press_outcome::merge(const press_outcome& other, double share)

@@ -45,8 +45,10 @@ struct press_outcome {
     double common_variance = 0, difference_variance = 0; // of its mean phase, difference
     average_of_groups mean;                              // of what was received
 
-    //! Mean and difference of how far the untouched line of another lies beside its own.
+    //! Mean and difference of how far the untouched line of another lies beside its own,
+    //! and its mean phases.
     pair_of_ends apart(const press_outcome& other) const;
+    pair_of_ends seen_apart(const press_outcome& other) const;
     //! Become one with another, whose share this is, but for what was received.
     void merge(const press_outcome& other, double share);
     //! Counted from where everything has turned and grown by this.
@@ -62,7 +64,10 @@ struct drifting_phases {
     //! Begin at phases; what is known of the rates stays.
     void reset(const pair_of_ends& phase, const phase_covariance& covariance);
     void turn(const pair_of_ends& by);
-    void widen(const phase_covariance& by);
+    void widen(const phase_covariance& by, double times = 1);
+    //! Covariance with those that they carry, and what both moved by, unknown alike.
+    phase_covariance with() const;
+    void tie(const phase_covariance& by);
     void predict(double seconds);
     //! By how much they drift in this time.
     phase_covariance walk(double seconds) const;
@@ -95,6 +100,12 @@ struct both_amplitudes {
     //! Ratios of these amplitudes.
     both_ends at(const pair_of_ends& phase) const;
     void grow(const pair_of_ends& by);
+    //! By variances of the mean and of the difference.
+    void widen(const pair_of_ends& by)
+    {
+        mean_variance += by[0];
+        difference_variance += by[1];
+    }
     void merge(const both_amplitudes& other, double share);
     //! Take what is seen; give the log density that was expected.
     double update_mean(double seen, double noise);

@@ -30,7 +30,10 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     next->turn.goes_on = next->press.steady = next->turn.by_hand = false;
     next->turn.sudden = true;
     next->press.motion.rest();
-    start_motion_at_line(*next);
+    if (from.is == untouched)
+        start_motion_at_line(*next);
+    else
+        drift(*next);
     const auto was = next->press.motion;
     next->press.motion.widen(turned);
     give(*next, follow_turn(*next, was));
@@ -49,8 +52,11 @@ void press_filter::turn_slowly(
     if (begins) {
         next->turn.begin(speed, near);
         count_turn(*next, from);
-        start_motion_at_line(*next);
     }
+    if (begins && from.is == untouched)
+        start_motion_at_line(*next);
+    else
+        drift(*next);
     next->turn.goes_on = how != course::ends;
     const auto was = next->press.motion;
     if (how != course::ends) {
@@ -68,10 +74,8 @@ void press_filter::count_turn(explanation& to, const explanation& from) const
     (to.turn.by_hand ? to.turn.hands : to.turn.seen) += learns_turns(from);
 }
 
-void press_filter::start_motion_at_line(explanation& to) const
+void press_filter::start_motion_at_line(explanation& to)
 {
-    if (to.is != untouched)
-        return;
     to.press.motion.hold(to.line.phase(), to.line.covariance());
     to.press.strength = to.line.amplitude;
 }
@@ -80,7 +84,6 @@ void press_filter::start_motion_at_line(explanation& to) const
 // them: by how much is known as well as where they were and are.
 double press_filter::follow_turn(explanation& to, const phase_motion& was) const
 {
-    drift(to);
     const double phases = to.press.motion.update(d_group.phase, d_noise);
     const double tied = to.is == untouched ? 0 : to.press.held.common.with();
     to.hold_level();
@@ -90,16 +93,14 @@ double press_filter::follow_turn(explanation& to, const phase_motion& was) const
     to.mean.recount({ by, by }, {});
     to.line.common.widen(was.variances()[0] - 2 * tied + error);
     to.press.held.common.tie(error);
-    const double likelihood = update_strength_while_turning(
-        to,
-        phases,
-        to.turn.by_hand ? hand_variance(to.turn.speed)
-                        : squared(d_set.turn_np / (d_set.turn_deg * deg) * by) *
-                              std::max(1.0, least_turn_s / d_elapsed_s));
+    const double grows = to.turn.by_hand
+                             ? hand_variance(to.turn.speed)
+                             : squared(d_set.turn_np / (d_set.turn_deg * deg) * by) *
+                                   std::max(1.0, least_turn_s / d_elapsed_s);
+    const double likelihood = update_strength_while_turning(to, phases, { grows, 0 });
     to.turn.velocity = to.press.motion.means()[2];
     if (to.is == untouched) {
-        to.line.common.reset(to.line.common.estimate().mean,
-                             to.press.motion.variances()[0]);
+        to.line.reset(to.press.motion.phase(), to.press.motion.covariance());
         to.line.amplitude = to.press.strength;
     }
     return likelihood;
@@ -200,20 +201,23 @@ void press_filter::move_line(const explanation& from, double probability)
         next->age_s = 0;
     next->is = untouched;
     next->turn.moved += learns_turns(from);
-    move_cable(*next, next->line.amplitude);
+    move_cable(*next);
+    next->line.amplitude.widen(moved_amplitudes());
     next->line.widen({ variance, variance, 0 });
     give(*next, update_baseline(*next));
 }
 
-// What a cable that moves ends, and does to the amplitudes that are seen.
-void press_filter::move_cable(explanation& to, both_amplitudes& own) const
+void press_filter::move_cable(explanation& to)
 {
     to.turn.goes_on = to.press.steady = false;
     to.turn.sudden = true;
-    own.mean_variance += squared(d_set.turn_np);
+}
+
+// Variances of mean and difference of the amplitudes that a cable moves.
+pair_of_ends press_filter::moved_amplitudes() const
+{
     // Where the off states are to tell turns, another line of one end is unexplained.
-    if (!d_off_differ)
-        own.difference_variance += 4 * squared(d_set.turn_np);
+    return { squared(d_set.turn_np), d_off_differ ? 0 : 4 * squared(d_set.turn_np) };
 }
 
 // The same while somebody presses: at one end, or at both.
@@ -227,21 +231,29 @@ void press_filter::move_beside_press(const explanation& from, double probability
         auto* const next = follow(from, probability / 3, phase_peak(moved));
         if (!next)
             continue;
-        move_cable(*next, next->press.strength);
+        const auto moves = [&ends](const phase_covariance& each) {
+            return phase_covariance{ ends[0] * each.first,
+                                     ends[1] * each.second,
+                                     ends[0] * ends[1] * each.both };
+        };
+        move_cable(*next);
         drift(*next);
         auto& motion = next->press.motion;
         motion.rest();
-        const auto was = motion.phase();
+        const auto was = motion;
         motion.widen(moved);
         const double likelihood = motion.update(d_group.phase, d_noise);
-        const auto is = motion.phase();
-        next->line.turn({ ends[0] * (is[0] - was[0]), ends[1] * (is[1] - was[1]) });
-        const auto error = motion.covariance();
-        next->line.widen({ ends[0] * error.first,
-                           ends[1] * error.second,
-                           ends[0] * ends[1] * error.both });
+        const auto is = motion.phase(), from_phase = was.phase();
+        next->line.turn(
+            { ends[0] * (is[0] - from_phase[0]), ends[1] * (is[1] - from_phase[1]) });
+        // As beside a turn (follow_turn), of the ends that move.
+        const auto error = moves(motion.covariance());
+        next->line.widen(moves(was.covariance()));
+        next->line.widen(moves(next->press.held.with()), -2);
+        next->line.widen(error);
         next->hold_level();
-        give(*next, update_strength(*next, likelihood));
+        next->press.held.tie(error);
+        give(*next, update_strength_while_turning(*next, likelihood, moved_amplitudes()));
     }
 }
 
@@ -282,10 +294,8 @@ void press_filter::change_steadily(const explanation& from,
     auto* const next = follow(from, probability);
     if (!next)
         return;
-    if (!from.press.steady) {
-        next->hold_level();
+    if (!from.press.steady)
         next->age_s = 0;
-    }
     next->press.steady = true;
     next->press.slides = slides;
     next->press.speed = speed;
@@ -305,13 +315,14 @@ void press_filter::change_steadily(const explanation& from,
     next->press.motion.predict(d_elapsed_s);
     const auto was = from.press.motion.phase();
     const double likelihood = next->press.motion.update(d_group.phase, d_noise);
+    next->hold_level();
     if (from.turn.goes_on)
         part_turn(*next, was, direction, aside);
     // How far the tag has turned is hardly known here; what a hand does to amplitudes is.
     give(*next,
          from.turn.goes_on && from.turn.by_hand
              ? update_strength_while_turning(
-                   *next, likelihood, hand_variance(from.turn.speed))
+                   *next, likelihood, { hand_variance(from.turn.speed), 0 })
              : update_strength(*next, likelihood));
 }
 

@@ -80,10 +80,12 @@ bool reads_alike(const press_outcome& a, const press_outcome& b)
         return false;
     const auto& noise = a.mean.variance;
     const double both = noise[0] + noise[1];
-    const auto [common, difference] = a.apart(b);
     merging_loss loss(b.weight / (a.weight + b.weight));
-    loss.compare(common, a.common_variance + both / 4, b.common_variance + both / 4);
-    loss.compare(difference, a.difference_variance + both, b.difference_variance + both);
+    for (const auto& [common, difference] : { a.apart(b), a.seen_apart(b) }) {
+        loss.compare(common, a.common_variance + both / 4, b.common_variance + both / 4);
+        loss.compare(
+            difference, a.difference_variance + both, b.difference_variance + both);
+    }
     return loss.divergence() < no_loss;
 }
 
@@ -127,9 +129,7 @@ void press_filter::take(const press_observation& group)
         const double log_weight = from.log_weight;
         if (steps < 1) {
             from.log_weight = log_weight + std::log1p(-steps);
-            if (from.is == mixed)
-                if (auto stepped = from; step_level(stepped))
-                    branch(stepped);
+            step_level(from);
             branch(from);
         }
         from.log_weight = log_weight;
@@ -380,9 +380,10 @@ void press_filter::branch_touched(const explanation& from)
 void press_filter::branch_mixed(const explanation& from)
 {
     const changes may(from.mixture.age_s, d_elapsed_s, 1, d_set);
-    const bool touched = from.mixture.before != untouched;
+    const bool touched = is_touched(from);
     const double turns = turn_probability(from), moves = move_probability(from),
-                 bursts = burst_probability(from), lasts = lasting();
+                 bursts = burst_probability(from),
+                 lasts = from.mixture.single ? lasting() : going_on(d_set.change_s);
     const double all = (may.all - (touched ? may.steadily : 0) + turns +
                         (touched ? 2 : 1) * moves + bursts) /
                        (1 - lasts);
@@ -478,6 +479,12 @@ double press_filter::change_speed(const explanation& from, double probability)
         rests -= each;
     }
     return rests;
+}
+
+// Or was, before something changed.
+bool press_filter::is_touched(const explanation& of)
+{
+    return (of.is == mixed ? of.mixture.before : of.is) != untouched;
 }
 
 // Of what has this rate, that it happens in the time of a group.
@@ -678,7 +685,7 @@ double press_filter::loss_of_merging(const explanation& a,
     }
     if (loss.nats() > most)
         return INFINITY;
-    if ((a.is == mixed ? a.mixture.before : a.is) != untouched || a.turn.goes_on) {
+    if (is_touched(a) || a.turn.goes_on) {
         const auto x = a.press.motion.means(), y = b.press.motion.means(),
                    u = a.press.motion.variances(), v = b.press.motion.variances();
         compare(wrapped(y[0] - x[0]), u[0], v[0], d_common_noise);

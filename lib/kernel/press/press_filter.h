@@ -76,6 +76,7 @@ private:
     double change_speed(const explanation& from, double probability);
     template <class Event>
     void with_courses(const explanation& from, double probability, Event&& event) const;
+    static bool is_touched(const explanation& of);
     double happens(double rate) const;
     static double happens(double rate, double seconds);
     double learned(double per_s, double seen, double time_s) const;
@@ -138,8 +139,9 @@ private:
     }
     void mix(const explanation& from, double probability, double ends = 0);
 
-    void move_cable(explanation& to, both_amplitudes& own) const;
-    void start_motion_at_line(explanation& to) const;
+    static void move_cable(explanation& to);
+    pair_of_ends moved_amplitudes() const;
+    static void start_motion_at_line(explanation& to);
     void count_turn(explanation& to, const explanation& from) const;
     double follow_turn(explanation& to, const phase_motion& was) const;
     void part_turn(explanation& to,
@@ -163,7 +165,7 @@ private:
     void average(explanation& to, bool lasts) const;
     double step_probability() const;
     void step_receiver(explanation& to) const;
-    bool step_level(explanation& to) const;
+    void step_level(const explanation& from);
 
     // Phases of the untouched line, and of a press.
     void reset_baseline(explanation& to) const;
@@ -185,7 +187,7 @@ private:
     double update_strength(explanation& to, double log_phases) const;
     double update_strength_while_turning(explanation& to,
                                          double log_phases,
-                                         double variance) const;
+                                         const pair_of_ends& variances) const;
     double update_from_off_states(explanation& to) const;
     double begin_strength(explanation& to, double spread) const;
     double update_mean(explanation& of, both_amplitudes& own, double seen) const;

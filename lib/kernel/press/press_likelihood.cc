@@ -126,27 +126,26 @@ void press_filter::step_receiver(explanation& to) const
         to.mean.weight = {};
 }
 
-// Lets the tag's level step, as the receiver's may, to what is seen after a group in
-// which something changed: a step makes the group mixed in which it lies. False where
-// that cannot count.
-bool press_filter::step_level(explanation& to) const
+// Lets the tag's level step, as the receiver's may, to what is seen: between two groups,
+// or in the one before, which it has made a mixed one.
+void press_filter::step_level(const explanation& from)
 {
-    auto before = to;
-    before.is = to.mixture.before;
-    const auto was =
-        before.is == untouched ? before.line.amplitude : shown_strength(before);
+    const auto was = is_touched(from) ? shown_strength(from) : from.line.amplitude;
     const double by = d_seen.mean - was.mean,
                  variance = was.mean_variance + d_seen.mean_variance,
-                 prior = happens(d_set.steps),
+                 prior = happens(d_set.steps) * (from.is == mixed ? 1 : between_groups()),
                  log_step = std::log(prior + 1e-300) -
                             std::log(2 * std::sqrt(squared(by) + variance) * step_span);
     if (log_step < log_normal(by, variance))
-        return false;
-    const auto mixture = to.mixture; // was seen before the step
-    to.recount({}, { by, by });
-    to.mixture = mixture;
-    to.log_weight += log_step - log_normal(0, variance);
-    return may_count(to, d_peak);
+        return;
+    const double log_probability = log_step - log_normal(0, variance);
+    if (!may_count(from, log_probability + d_peak))
+        return;
+    auto stepped = from;
+    stepped.recount({}, { by, by });
+    stepped.mixture = from.mixture; // was seen before the step
+    stepped.log_weight += log_probability;
+    branch(stepped);
 }
 
 void press_filter::reset_baseline(explanation& to) const
@@ -249,8 +248,8 @@ double press_filter::update_mean(explanation& of, both_amplitudes& own, double s
 pair_of_ends press_filter::caused_by_off(const explanation& of,
                                          const pair_of_ends& phase) const
 {
-    const bool touched = of.is == pressed || of.is == unexplained;
-    return touched && of.line.known ? d_off.amplitude(of.change(phase)) : pair_of_ends{};
+    return is_touched(of) && of.line.known ? d_off.amplitude(of.change(phase))
+                                           : pair_of_ends{};
 }
 
 // Whether the amplitudes show how far both ends have turned.
@@ -276,16 +275,18 @@ double press_filter::update_strength(explanation& to, double log_phases) const
 }
 
 // Likewise where what turns the tag changes the amplitudes of the press and of the line,
-// by this variance.
+// by these variances of their mean and their difference.
 double press_filter::update_strength_while_turning(explanation& to,
                                                    double log_phases,
-                                                   double variance) const
+                                                   const pair_of_ends& variances) const
 {
     auto& own = to.press.strength;
-    const double before = own.mean;
-    own.mean_variance += variance;
+    const auto before = own;
+    own.widen(variances);
     const double likelihood = update_strength(to, log_phases);
-    to.line.amplitude.mean += own.mean - before;
+    to.line.amplitude.mean += own.mean - before.mean;
+    if (variances[1] > 0)
+        to.line.amplitude.difference += own.difference - before.difference;
     return likelihood;
 }
 
@@ -413,7 +414,9 @@ double press_filter::chord(
     };
     const double on = (1 - any_share) / 2 * (across(beside) + across(ramped)) /
                       (std::sqrt(length2) + 3 * std::sqrt(noise));
-    return std::log(on * std::exp(-log_any_mixture) + any);
+    // Over phases and logarithms of amplitudes, as that of any mixture.
+    const double area = std::norm(from.seen[0] * from.seen[1]);
+    return std::log(on * area * std::exp(-log_any_mixture) + any);
 }
 
 // Log density, over that of any mixture, of a press for a part of a group that was
