@@ -42,6 +42,7 @@ FAMILIES = {
     "weaker end": ("weaker end",),
     "slow forces": ("slow forces",),
     "bursts": ("bursts",),
+    "drifting weaker end": ("weaker end", "drift"),
 }
 
 

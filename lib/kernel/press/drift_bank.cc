@@ -120,18 +120,35 @@ void drift_bank::merge(const drift_bank& other, double share)
     summarize();
 }
 
+// The errors of each rate are correlated with those of the companion as those of all.
+drift_bank::correction drift_bank::correct(std::size_t rate,
+                                           double off,
+                                           double noise,
+                                           const companion& beside) const
+{
+    const double own = d_variance[rate],
+                 errors = beside.errors * std::sqrt(own / d_estimate.variance),
+                 both = errors + beside.noise, shared = both / beside.variance,
+                 variance = own + noise - shared * both;
+    return { off - shared * beside.off,
+             variance,
+             (own - shared * errors) / variance,
+             errors / beside.variance };
+}
+
 double drift_bank::carry(
-    drift_bank& other, double phase, double noise, double memory, const hint& given)
+    drift_bank& other, double phase, double noise, double memory, const companion& beside)
 {
     const double was = other.d_estimate.mean;
     for (std::size_t i = 0; i < d_count; i++) {
-        const double gain = d_with[i] / (d_variance[i] + noise);
-        other.d_mean[i] += gain * wrapped(phase - d_mean[i]);
+        const auto own = correct(i, wrapped(phase - d_mean[i]), noise, beside);
+        const double others = d_with[i] / own.variance;
+        other.d_mean[i] += others * own.off;
         other.d_variance[i] =
-            std::max(other.d_variance[i] - gain * d_with[i], least_variance);
-        d_with[i] -= gain * d_variance[i];
+            std::max(other.d_variance[i] - others * d_with[i], least_variance);
+        d_with[i] -= own.gain * d_with[i];
     }
-    const double likelihood = update(phase, noise, memory, -INFINITY, given);
+    const double likelihood = update(phase, noise, memory, beside);
     other.d_weight = d_weight;
     other.summarize();
     d_carried += other.d_estimate.mean - was;
@@ -142,21 +159,24 @@ double drift_bank::carry(
 }
 
 double drift_bank::update(
-    double phase, double noise, double memory, double lowest, const hint& given)
+    double phase, double noise, double memory, const companion& beside, double lowest)
 {
     double least = 1e300, after = 0, kept = 0;
     std::array<double, most_rates> square, relative;
     // The means lie close together, so that one of them says how often to wrap.
     const double first = d_mean[0], first_off = wrapped(phase - first);
     for (std::size_t i = 0; i < d_count; i++) {
-        const double variance = d_variance[i] + noise,
-                     off = first_off + first - d_mean[i], gain = d_variance[i] / variance;
-        const double expected = variance * given.left;
-        square[i] = squared(off - given.off) / expected;
+        const double off = first_off + first - d_mean[i];
+        const auto own = correct(i, off, noise, beside);
+        const double expected = beside.known ? own.variance : d_variance[i] + noise;
+        square[i] = squared(beside.known ? own.off : off) / expected;
         relative[i] = 1 / std::sqrt(expected);
         least = std::min(least, square[i]);
-        d_mean[i] += gain * off;
-        d_variance[i] = std::max(d_variance[i] * (1 - gain), least_variance);
+        d_mean[i] += own.gain_of_companion * beside.off + own.gain * own.off;
+        d_variance[i] =
+            std::max(d_variance[i] - squared(own.gain_of_companion) * beside.variance -
+                         squared(own.gain) * own.variance,
+                     least_variance);
     }
     for (std::size_t i = 0; i < d_count; i++) {
         relative[i] *= std::exp((least - square[i]) / 2);

@@ -22,10 +22,12 @@ public:
     struct moments {
         double mean, variance;
     };
-    //! What something else says of a phase: how far off it is, and which share of its
-    //! variance is left.
-    struct hint {
-        double off, left;
+    //! Another phase that is seen at once: how far it is off what was expected and the
+    //! variance of that, covariances of the errors of both and of their noise, and
+    //! whether the density is that of the phase beside it, or that of the phase alone.
+    struct companion {
+        double off = 0, variance = 1, errors = 0, noise = 0;
+        bool known = false;
     };
 
     drift_bank() = default; // does not drift
@@ -49,8 +51,8 @@ public:
     double update(double phase,
                   double noise,
                   double memory,
-                  double lowest = -INFINITY,
-                  const hint& given = { 0, 1 });
+                  const companion& beside,
+                  double lowest = -INFINITY);
 
     //! Likewise, where this phase is that of another which drifts, and of something that
     //! drifts beside it: half of what this one drifts is the other's. The share may be
@@ -59,7 +61,7 @@ public:
                  double phase,
                  double noise,
                  double memory,
-                 const hint& given = { 0, 1 });
+                 const companion& beside);
 
     //! A share of what another says, and the rest of what it says itself, in one.
     void merge(const drift_bank& other, double share);
@@ -69,6 +71,13 @@ public:
     double usual_rate() const { return d_usual_rate; }
 
 private:
+    // The innovation that the companion leaves, its variance, and by how much of both the
+    // phase is corrected.
+    struct correction {
+        double off, variance, gain, gain_of_companion;
+    };
+    correction
+    correct(std::size_t rate, double off, double noise, const companion& beside) const;
     void find_usual_rate();
     void summarize(); // after each change: many explanations share what did not change
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "explanation.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace gr::wiforce::kernel {
@@ -17,6 +18,8 @@ double of_difference(const phase_covariance& each)
     return each.first + each.second - 2 * each.both;
 }
 
+double of_both(const phase_covariance& each) { return (each.first - each.second) / 2; }
+
 // Mean and difference of both phases, without wrapping.
 pair_of_ends mean_and_difference(const pair_of_ends& phase)
 {
@@ -24,10 +27,10 @@ pair_of_ends mean_and_difference(const pair_of_ends& phase)
     return { phase[1] + apart / 2, apart };
 }
 
-phase_covariance of_ends(double mean, double difference)
+phase_covariance of_ends(double mean, double difference, double both = 0)
 {
     const double half = difference / 4;
-    return { mean + half, mean + half, mean - half };
+    return { mean + half + both, mean + half - both, mean - half };
 }
 
 // A Kalman filter of one value; gives the log density that was expected of it.
@@ -49,7 +52,8 @@ pair_of_ends drifting_phases::phase() const
 
 phase_covariance drifting_phases::covariance() const
 {
-    return of_ends(common.estimate().variance, difference.estimate().variance);
+    return of_ends(
+        common.estimate().variance, difference.estimate().variance, of_errors());
 }
 
 void drifting_phases::reset(const pair_of_ends& phase, const phase_covariance& covariance)
@@ -57,6 +61,7 @@ void drifting_phases::reset(const pair_of_ends& phase, const phase_covariance& c
     const auto [mean, apart] = mean_and_difference(phase);
     common.reset(mean, of_mean(covariance));
     difference.reset(apart, of_difference(covariance));
+    both = of_both(covariance);
 }
 
 void drifting_phases::turn(const pair_of_ends& by)
@@ -70,6 +75,7 @@ void drifting_phases::widen(const phase_covariance& by, double times)
 {
     common.widen(times * of_mean(by));
     difference.widen(times * of_difference(by));
+    both += times * of_both(by);
 }
 
 phase_covariance drifting_phases::with() const
@@ -95,21 +101,36 @@ phase_covariance drifting_phases::walk(double seconds) const
     return of_ends(variance(common.usual_rate()), variance(difference.usual_rate()));
 }
 
+// Covariance of both errors; some events change one of their variances only.
+double drifting_phases::of_errors() const
+{
+    const double most =
+        std::sqrt(common.estimate().variance * difference.estimate().variance);
+    return std::clamp(both, -most, most);
+}
+
 // Mean and difference of phases, nearest to those of the line, with their noise, and what
-// the difference says of the mean: one end may be noisier, now as before.
+// each says of the other: one end may be noisier, now as before.
 drifting_phases::seen_phases drifting_phases::beside(const pair_of_ends& phase,
                                                      const phase_covariance& noise) const
 {
-    const double expected = difference.estimate().mean,
-                 off = wrapped(phase[0] - phase[1] - expected),
+    const auto mean = common.estimate(), apart = difference.estimate();
+    const double off = wrapped(phase[0] - phase[1] - apart.mean),
+                 seen_mean = phase[1] + (apart.mean + off) / 2,
                  mean_noise = of_mean(noise), difference_noise = of_difference(noise),
-                 shared = (noise.first - noise.second) / 2;
-    return { phase[1] + (expected + off) / 2,
+                 noises = of_both(noise), mean_all = mean.variance + mean_noise,
+                 difference_all = apart.variance + difference_noise, errors = of_errors(),
+                 shared = errors + noises,
+                 of_all = mean_all * difference_all - shared * shared;
+    return { seen_mean,
              mean_noise,
-             expected + off,
+             apart.mean + off,
              difference_noise,
-             { shared / difference_noise * off,
-               1 - shared * shared / (mean_noise * difference_noise) } };
+             { off, difference_all, errors, noises, true },
+             { wrapped(seen_mean - mean.mean), mean_all, errors, noises },
+             errors - ((mean.variance * difference_all - errors * shared) * errors +
+                       (errors * mean_all - mean.variance * shared) * apart.variance) /
+                          of_all };
 }
 
 double drifting_phases::update(const pair_of_ends& phase,
@@ -118,13 +139,16 @@ double drifting_phases::update(const pair_of_ends& phase,
                                double lowest)
 {
     const auto seen = beside(phase, noise);
+    both = seen.both;
     const double most = log_normal(0, seen.difference_noise),
                  likelihood = common.update(
-                     seen.mean, seen.mean_noise, memory, lowest - most, seen.given);
+                     seen.mean, seen.mean_noise, memory, seen.of_mean, lowest - most);
     return likelihood < lowest - most
                ? lowest
-               : likelihood +
-                     difference.update(seen.difference, seen.difference_noise, memory);
+               : likelihood + difference.update(seen.difference,
+                                                seen.difference_noise,
+                                                memory,
+                                                seen.of_difference);
 }
 
 double drifting_phases::carry(drifting_phases& line,
@@ -133,13 +157,22 @@ double drifting_phases::carry(drifting_phases& line,
                               double memory)
 {
     const auto seen = beside(phase, noise);
-    return common.carry(line.common, seen.mean, seen.mean_noise, memory, seen.given) +
-           difference.carry(
-               line.difference, seen.difference, seen.difference_noise, memory);
+    both = seen.both;
+    return common.carry(line.common, seen.mean, seen.mean_noise, memory, seen.of_mean) +
+           difference.carry(line.difference,
+                            seen.difference,
+                            seen.difference_noise,
+                            memory,
+                            seen.of_difference);
 }
 
 void drifting_phases::merge(const drifting_phases& other, double share)
 {
+    const double mean_apart =
+                     wrapped(other.common.estimate().mean - common.estimate().mean),
+                 apart = wrapped(other.difference.estimate().mean -
+                                 difference.estimate().mean);
+    both += share * (other.both - both) + share * (1 - share) * mean_apart * apart;
     common.merge(other.common, share);
     difference.merge(other.difference, share);
 }

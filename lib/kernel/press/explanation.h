@@ -55,9 +55,11 @@ struct press_outcome {
     void recount(const pair_of_ends& phase, const pair_of_ends& gain);
 };
 
-//! Phases of both ends, rad, whose mean and difference drift, each by itself.
+//! Phases of both ends, rad, whose mean and difference drift, each by itself; their
+//! errors are correlated where one end is noisier.
 struct drifting_phases {
     drift_bank common, difference;
+    double both = 0; // covariance of these errors
 
     pair_of_ends phase() const;
     phase_covariance covariance() const;
@@ -87,8 +89,10 @@ struct drifting_phases {
 private:
     struct seen_phases {
         double mean, mean_noise, difference, difference_noise;
-        drift_bank::hint given;
+        drift_bank::companion of_mean, of_difference;
+        double both; // covariance of the errors afterwards
     };
+    double of_errors() const;
     seen_phases beside(const pair_of_ends& phase, const phase_covariance& noise) const;
 };
 

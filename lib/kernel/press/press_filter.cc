@@ -698,7 +698,7 @@ double press_filter::loss_of_merging(const explanation& a,
     }
     if (a.is == mixed && a.mixture.single)
         for (int e = 0; e < 2; e++) {
-            const auto apart = b.mixture.start[e] - a.mixture.start[e];
+            const auto apart = b.mixture.start[e] / a.mixture.start[e] - 1.0;
             compare(apart.real(), 0, 0, a.mixture.seen_variance);
             compare(apart.imag(), 0, 0, a.mixture.seen_variance);
         }

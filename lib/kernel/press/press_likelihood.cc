@@ -387,7 +387,9 @@ double press_filter::density(const explanation& of, const pair_of_ends& phase) c
 double press_filter::chord(
     const mixture& from, const both_ends& to, state after, double variance, double any)
 {
-    double length2 = 0, around = 0, along = 0, noise = 0;
+    const double level2 = (std::norm(from.start[0]) + std::norm(from.start[1])) / 2,
+                 noise = (from.seen_variance + variance / 4) * level2;
+    double length2 = 0, around = 0, along = 0;
     both_ends step, seen;
     for (int e = 0; e < 2; e++) {
         step[e] = to[e] - from.start[e];
@@ -395,7 +397,6 @@ double press_filter::chord(
         length2 += std::norm(step[e]);
         around += std::norm(step[e]) - squared(std::abs(to[e]) - std::abs(from.start[e]));
         along += (std::conj(step[e]) * seen[e]).real();
-        noise += (from.seen_variance + variance / 4) / 2 * std::norm(from.start[e]);
     }
     const double share = std::clamp(along / std::max(length2, 1e-12), 0.0, 1.0);
     double off = 0;
@@ -405,10 +406,10 @@ double press_filter::chord(
     // and its phases follow the circle, so that its mean lies beside the chord; and the
     // force may have changed before the press ended, or after it began, for as long as it
     // lasted.
-    const double beside = noise + squared(around * share * (1 - share) / 4),
+    const double beside = noise + squared(around * share * (1 - share) / 4) / level2,
                  is_pressed = (from.before == untouched ? 0 : 1 - share) +
                               (after == untouched ? 0 : share),
-                 ramped = beside + squared(is_pressed * ramp_deg * deg);
+                 ramped = beside + squared(is_pressed * ramp_deg * deg) * level2;
     const auto across = [&](double v) {
         return std::exp(-0.5 * off / v) / (two_pi * v * std::sqrt(two_pi * v));
     };

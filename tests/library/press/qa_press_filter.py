@@ -529,3 +529,72 @@ def test_average_of_a_press_is_without_a_group_of_something_else():
     assert (after["is"] == PRESSED).all()
     off = np.degrees(np.angle(ratios_of(after) * np.exp(-1j * np.radians(PRESS))))
     assert np.abs(off).max() < 4 * NOISE_DEG
+
+
+@pytest.mark.parametrize("drift_deg", [0.03, 0.3, 1.0])
+def test_ends_of_unequal_noise_are_followed_as_by_a_filter_of_each(drift_deg):
+    """Mean and difference were each followed alone: a drift looked like a creeping press."""
+    noise_deg, period_s, groups = np.array([0.3, 0.075]), 0.036, 400
+    expected = 0
+    for noise in noise_deg**2:  # in the steady state, of a random walk
+        walk = drift_deg**2 * period_s
+        expected += (np.sqrt(walk**2 / 4 + walk * noise) - walk / 2) / 4
+    for seed in cases([4], range(12)):
+        rng = np.random.default_rng(seed)
+        steps = drift_deg * np.sqrt(period_s) * rng.standard_normal((groups, 2))
+        phases = np.cumsum(steps, axis=0) + noise_deg * rng.standard_normal((groups, 2))
+        rows = rows_of(phases, noise_deg=noise_deg, period_s=period_s, untouched=5)
+        found = explained(rows, drift_deg=drift_deg)
+        assert probability(found, found["is"] == UNTOUCHED, groups).min() > 0.99
+        # Beside the error that no noise explains, and turns that may happen: a quarter more.
+        first, _ = likeliest(found, groups)
+        variance = np.degrees(np.degrees(found["common_variance"][first[200:]])).mean()
+        assert variance == pytest.approx(expected, rel=0.25, abs=2e-4)
+        found = explained(rows)  # likewise of a drift that is learned
+        assert probability(found, found["is"] == UNTOUCHED, groups)[20:].min() > 0.5
+
+
+def test_levels_of_amplitudes_change_no_probability():
+    """Groups in which a press begins or ends were too likely below the level of the reference."""
+    rows = rows_of(phases_of(PRESS), untouched=5)
+    for group in (60, 120):  # in the middle of which it begins or ends
+        seen = (1 + np.exp(1j * np.radians(PRESS))) / 2
+        rows["phase"][group], rows["amplitude"][group] = np.angle(seen), np.log(np.abs(seen))
+    found = explained(rows)
+    rows["amplitude"] += np.log(0.3)
+    lower = explained(rows)
+    for state in (UNTOUCHED, PRESSED, MIXED):
+        np.testing.assert_allclose(
+            probability(lower, lower["is"] == state, len(rows)),
+            probability(found, found["is"] == state, len(rows)),
+            atol=1e-6,
+        )
+
+
+def test_difference_is_known_while_an_untouched_tag_turns():
+    """It went on growing as if nothing was seen of it."""
+    phases = phases_of(0, 130, 0, 0)
+    turning = phases + np.maximum(0, np.arange(130) - 100)[:, None] * 30 * PERIOD_S
+    variances = []
+    for seen in (phases, turning):
+        found = explained(rows_of(seen), drift_deg=0.3, turns_per_s=0.3)
+        first, _ = likeliest(found, 130)
+        assert (found["is"][first[105:120]] == UNTOUCHED).all()
+        variances.append(found["difference_variance"][first[105:120]].mean())
+    assert variances[1] < 1.5 * variances[0]
+
+
+def test_cable_that_moves_beside_a_press_takes_its_amplitude_along():
+    """The release showed an amplitude that the line was not thought to have."""
+    phases = phases_of(PRESS, 60, 120, 60)
+    rows = rows_of(phases)
+    rows["phase"][120:, 0] += np.radians(8)
+    rows["amplitude"][120:, 0] -= 0.1
+    found = explained(rows)
+    assert probability(found, found["is"] == UNTOUCHED, len(rows))[182:].min() > 0.9
+    first, _ = likeliest(found, len(rows))
+    end = found[first[230]]
+    np.testing.assert_allclose(np.degrees(end["baseline"]), (8, 0), atol=0.3)
+    np.testing.assert_allclose(end["amplitude"], (-0.1, 0), atol=0.01)
+    held = found[first[170]]  # the line follows before the release
+    np.testing.assert_allclose(held["amplitude"], (-0.1, 0), atol=0.02)
