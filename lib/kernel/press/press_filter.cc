@@ -338,7 +338,7 @@ void press_filter::branch_touched(const explanation& from)
                         from.press.slides,
                         from.press.speed);
         held.press.steady = false;
-        held.press.motion.move(from.turn.velocity, velocity_deviation(from));
+        held.press.motion.move(from.turn.velocity, turning_speed(from.turn.speed));
         held.mean.weight = {};
         held.age_s = 0;
         turn_slowly(held,
