@@ -58,6 +58,7 @@ void press_filter::turn_slowly(
     else
         drift(*next);
     next->turn.goes_on = how != course::ends;
+    next->turn.speed = speed;
     const auto was = next->press.motion;
     if (how != course::ends) {
         const double by = squared(turning_speed(speed)) * (begins ? 1 : d_elapsed_s) / 2;

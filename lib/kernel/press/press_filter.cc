@@ -298,7 +298,8 @@ void press_filter::branch_untouched(const explanation& from)
     const double quiet = std::max(1 - sudden, 1e-3);
     if (from.turn.goes_on) {
         turn_slowly(from, quiet * goes_on, course::goes_on);
-        turn_slowly(from, quiet * (1 - goes_on), course::ends);
+        turn_slowly(
+            from, change_speed_of_turn(from, quiet * (1 - goes_on)), course::ends);
     } else {
         remain_untouched(from, quiet * (1 - turns - hands));
         begin_turning(from, quiet * turns, quiet * hands);
@@ -342,7 +343,7 @@ void press_filter::branch_touched(const explanation& from)
         held.mean.weight = {};
         held.age_s = 0;
         turn_slowly(held,
-                    change_speed(from, quiet * turns_on * (1 - changes_on)),
+                    change_speed_of_press(from, quiet * turns_on * (1 - changes_on)),
                     course::goes_on);
         auto both = from;
         turn_unseen(both, 0.5);
@@ -350,7 +351,8 @@ void press_filter::branch_touched(const explanation& from)
         stop_changing(both, quiet * (1 - turns_on) * (1 - changes_on));
     } else if (from.turn.goes_on) {
         turn_slowly(from, quiet * turns_on * (1 - begins), course::goes_on);
-        turn_slowly(from, quiet * (1 - turns_on), course::ends);
+        turn_slowly(
+            from, change_speed_of_turn(from, quiet * (1 - turns_on)), course::ends);
         begin_changing(from, quiet * turns_on * begins);
     } else if (from.press.steady) {
         change_steadily(from,
@@ -358,7 +360,7 @@ void press_filter::branch_touched(const explanation& from)
                         from.press.slides,
                         from.press.speed);
         begin_turning(from, quiet * changes_on * turns, quiet * changes_on * hands);
-        stop_changing(from, change_speed(from, quiet * (1 - changes_on)));
+        stop_changing(from, change_speed_of_press(from, quiet * (1 - changes_on)));
     } else {
         const double rests = quiet * (1 - begins);
         hold(from, rests * (1 - turns - hands));
@@ -444,9 +446,7 @@ void press_filter::begin_turning(const explanation& from, double turns, double h
         else
             turn_slowly(from, probability, course::begins, speed, near);
     };
-    // The fastest is a sudden turn where a group may hold all of it.
-    const bool fast = turn_speeds[fast_turn] * d_set.period_s < d_set.turn_deg * deg;
-    const std::size_t last = fast ? fast_turn : fast_turn - 1;
+    const std::size_t last = fastest_turn();
     for (std::size_t i = 1; i <= last; i++) {
         begin(turns / static_cast<double>(last), i, false);
         if (i <= hand_speeds)
@@ -464,21 +464,63 @@ void press_filter::begin_changing(const explanation& from, double probability)
     }
 }
 
-// A steady change ends: half of those that can go on slower or faster, do.
-double press_filter::change_speed(const explanation& from, double probability)
+namespace {
+
+// What ends, of all speeds from the first to the last: half of those that can go on
+// slower or faster, do. Gives the probability of coming to rest.
+template <class Speed>
+double change_speed(double probability,
+                    std::size_t speed,
+                    std::size_t first,
+                    std::size_t last,
+                    Speed&& go_on)
 {
-    const auto [speed, slides] = std::pair(from.press.speed, from.press.slides);
     const double each = probability / 4;
     double rests = probability;
-    if (speed > std::size_t(slides)) {
-        change_steadily(from, each, slides, speed - 1);
+    if (speed > first) {
+        go_on(speed - 1, each);
         rests -= each;
     }
-    if (speed + 1 < speeds.size()) {
-        change_steadily(from, each, slides, speed + 1);
+    if (speed < last) {
+        go_on(speed + 1, each);
         rests -= each;
     }
     return rests;
+}
+
+} // namespace
+
+double press_filter::change_speed_of_press(const explanation& from, double probability)
+{
+    const bool slides = from.press.slides;
+    return change_speed(probability,
+                        from.press.speed,
+                        slides,
+                        speeds.size() - 1,
+                        [&](std::size_t speed, double each) {
+                            change_steadily(from, each, slides, speed);
+                        });
+}
+
+double press_filter::change_speed_of_turn(const explanation& from, double probability)
+{
+    const auto [at, near] = std::pair(from.turn.speed, from.turn.by_hand);
+    if (at == warm_speed)
+        return probability;
+    return change_speed(probability,
+                        at,
+                        slow_turn,
+                        near ? hand_speeds : fastest_turn(),
+                        [&](std::size_t speed, double each) {
+                            turn_slowly(from, each, course::goes_on, speed, near);
+                        });
+}
+
+// The fastest is a sudden turn where a group may hold all of it.
+std::size_t press_filter::fastest_turn() const
+{
+    const bool fast = turn_speeds[fast_turn] * d_set.period_s < d_set.turn_deg * deg;
+    return fast ? fast_turn : fast_turn - 1;
 }
 
 // Or was, before something changed.

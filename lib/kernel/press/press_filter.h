@@ -72,8 +72,10 @@ private:
     void branch_mixed(const explanation& from);
     void begin_turning(const explanation& from, double turns, double hands);
     void begin_changing(const explanation& from, double probability);
-    // Gives the probability of coming to rest.
-    double change_speed(const explanation& from, double probability);
+    // Give the probability of coming to rest.
+    double change_speed_of_press(const explanation& from, double probability);
+    double change_speed_of_turn(const explanation& from, double probability);
+    std::size_t fastest_turn() const;
     template <class Event>
     void with_courses(const explanation& from, double probability, Event&& event) const;
     static bool is_touched(const explanation& of);
