@@ -56,7 +56,14 @@ press_reading::phases press_reading::phases_of(const press_outcome& of,
 {
     phases found;
     const double common = of.common_variance + rotation_variance,
-                 apart = of.difference_variance / 4, both = common - apart;
+                 apart = of.difference_variance / 4, both = common - apart,
+                 lines[2] = { common + apart + of.covariance,
+                              common + apart - of.covariance };
+    // Of the line's errors at both ends; one that is the larger where it is noisier.
+    const double shared =
+        std::abs(both) > 0
+            ? std::min(std::abs(both) / std::sqrt(lines[0] * lines[1]), 1.0)
+            : 0;
     for (int end = 0; end < 2; end++) {
         const complex off = d_sensor.off[end],
                       start = std::polar(1.0, d_sensor.untouched_rad[end]);
@@ -70,7 +77,7 @@ press_reading::phases press_reading::phases_of(const press_outcome& of,
             d_sensor.off_states_differ
                 ? std::norm(switched) / (switched * std::conj(reflection)).real()
                 : std::abs(switched) / std::abs(reflection);
-        double variance = of.mean.variance[end] + 2 * std::min(common, apart);
+        double variance = of.mean.variance[end] + (1 - shared) * lines[end];
         if (d_sensor.tag_ratio) {
             // A ratio of antennas (S_1 + T_1) / (S_2 + T_2) is not linear in the tag: an
             // error of Im[(1 - R) T_2 / S_2], at a phase that is unknown.
@@ -92,7 +99,7 @@ press_reading::phases press_reading::phases_of(const press_outcome& of,
         found.deg[end] = wrapped_deg(reflection);
         found.own_deg[end] = std;
         found.shared_deg[end] =
-            degrees * std::sqrt(std::abs(both)) * slope * (end && both < 0 ? -1 : 1);
+            degrees * std::sqrt(shared * lines[end]) * slope * (end && both < 0 ? -1 : 1);
     }
     return found;
 }

@@ -101,7 +101,6 @@ phase_covariance drifting_phases::walk(double seconds) const
     return of_ends(variance(common.usual_rate()), variance(difference.usual_rate()));
 }
 
-// Covariance of both errors; some events change one of their variances only.
 double drifting_phases::of_errors() const
 {
     const double most =
@@ -254,6 +253,8 @@ void press_outcome::merge(const press_outcome& other, double share)
 {
     const auto [common, difference] = apart(other);
     double turned = 0, parted = 0;
+    covariance += share * (other.covariance - covariance) +
+                  share * (1 - share) * common * difference;
     mix_moments(turned, common_variance, common, other.common_variance, share);
     mix_moments(
         parted, difference_variance, difference, other.difference_variance, share);

@@ -42,8 +42,9 @@ struct press_outcome {
     // the tag was received in a part of the group only.
     double turns = 0, in_part = 0;
     pair_of_ends baseline{}, amplitude{}; // of the untouched line, rad and Np
-    double common_variance = 0, difference_variance = 0; // of its mean phase, difference
-    average_of_groups mean;                              // of what was received
+    // Of its mean phase, of its difference, and of the errors of both.
+    double common_variance = 0, difference_variance = 0, covariance = 0;
+    average_of_groups mean; // of what was received
 
     //! Mean and difference of how far the untouched line of another lies beside its own,
     //! and its mean phases.
@@ -63,6 +64,8 @@ struct drifting_phases {
 
     pair_of_ends phase() const;
     phase_covariance covariance() const;
+    //! Of the errors of mean and difference; some events change the variance of one only.
+    double of_errors() const;
     //! Begin at phases; what is known of the rates stays.
     void reset(const pair_of_ends& phase, const phase_covariance& covariance);
     void turn(const pair_of_ends& by);
@@ -92,7 +95,6 @@ private:
         drift_bank::companion of_mean, of_difference;
         double both; // covariance of the errors afterwards
     };
-    double of_errors() const;
     seen_phases beside(const pair_of_ends& phase, const phase_covariance& noise) const;
 };
 

@@ -478,6 +478,7 @@ press_filter::outcome press_filter::describe(const explanation& of) const
              of.line.amplitude.ends(),
              common.variance,
              apart.variance,
+             of.line.of_errors(),
              of.mean };
 }
 

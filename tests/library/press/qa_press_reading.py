@@ -71,8 +71,9 @@ def test_phase_std_contains_what_a_ratio_of_antennas_bends():
     assert found == pytest.approx(np.abs(bend_deg / slope), rel=1e-3)
 
 
+@pytest.mark.parametrize("correlated", [0.0, 0.8, -0.8])
 @pytest.mark.parametrize("common_deg, apart_deg", [(0.5, 0.05), (0.05, 0.5), (0.3, 0.3)])
-def test_force_std_follows_what_both_ends_share(common_deg, apart_deg):
+def test_force_std_follows_what_both_ends_share(common_deg, apart_deg, correlated):
     """Against presses whose untouched line was turned and parted by so much, seed 1."""
     off, untouched = np.zeros(2), MODEL.untouched_deg(900e6)
     psi = np.reshape(MODEL.phases_deg(3.0, 30.0, 900e6), 2)
@@ -86,10 +87,13 @@ def test_force_std_follows_what_both_ends_share(common_deg, apart_deg):
     found["mean"]["variance"] = np.radians(0.02) ** 2
     found["common_variance"] = np.radians(common_deg) ** 2
     found["difference_variance"] = np.radians(apart_deg) ** 2
+    found["covariance"] = correlated * np.radians(common_deg) * np.radians(apart_deg)
     group = np.zeros(1, sensor_group)
     group["readable"] = True
     (row,) = reading.read(found, group, True)
-    common, apart = np.random.default_rng(1).normal(0, [[common_deg], [apart_deg]], (2, 2000))
+    common, apart = np.random.default_rng(1).normal(size=(2, 2000))
+    apart = correlated * common + np.sqrt(1 - correlated**2) * apart
+    common, apart = common_deg * common, apart_deg * apart
     drawn = inverter.invert(psi + np.stack([common + apart / 2, common - apart / 2], axis=1), 0.02)
     # 2000 draws tell a standard deviation to 1.6 %; that of a mode is of phases linear in force.
     assert row["force_std_n"] == pytest.approx(np.std(drawn.force_n), rel=0.15)

@@ -165,6 +165,7 @@ void bind_press(py::module& m)
                          amplitude,
                          common_variance,
                          difference_variance,
+                         covariance,
                          mean);
     PYBIND11_NUMPY_DTYPE(press_parameters,
                          period_s,
