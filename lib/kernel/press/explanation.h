@@ -140,7 +140,9 @@ struct explanation {
 
     //! The tag or an antenna turns, or a hand comes near, which changes amplitudes too.
     struct tag_turn {
-        bool goes_on = false, sudden = false; // in this group
+        bool goes_on = false;
+        bool sudden = false,
+             parted = false; // in this group: by a cable, each end by itself
         bool by_hand = false;
         double velocity = 0;   // rad/s
         double age_s = 0;      // since it began

@@ -211,7 +211,7 @@ void press_filter::move_line(const explanation& from, double probability)
 void press_filter::move_cable(explanation& to)
 {
     to.turn.goes_on = to.press.steady = false;
-    to.turn.sudden = true;
+    to.turn.sudden = to.turn.parted = true;
 }
 
 // Variances of mean and difference of the amplitudes that a cable moves.

@@ -182,7 +182,7 @@ void press_filter::predict(explanation& from)
     }
     from.age_s += d_elapsed_s;
     from.turn.age_s += d_elapsed_s;
-    from.turn.sudden = false;
+    from.turn.sudden = from.turn.parted = false;
     from.turn.failed += d_silent;
     from.turn.watched_s += learns_turns(from) ? d_elapsed_s : 0;
     const double fails = fail_probability(from);

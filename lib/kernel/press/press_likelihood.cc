@@ -465,14 +465,17 @@ double press_filter::direction_variance(const explanation& of) const
 press_filter::outcome press_filter::describe(const explanation& of) const
 {
     const auto common = of.line.common.estimate(), apart = of.line.difference.estimate();
-    // What turns an untouched sensor steadily is followed.
-    const bool turns = of.turn.goes_on && of.is != untouched &&
-                       (of.turn.by_hand || of.turn.speed > slow_turn);
+    // What turns an untouched sensor steadily is followed, and off states show by how
+    // much a touched one has turned; not what has moved one of its ends.
+    const bool steadily = of.turn.goes_on && of.is != untouched &&
+                          (of.turn.by_hand || of.turn.speed > slow_turn),
+               turns =
+                   of.turn.parted || ((of.turn.sudden || steadily) && !shows_turns(of));
     return { 0,
              0,
              of.is,
              of.line.known,
-             (of.turn.sudden || turns) && !shows_turns(of) ? 1.0 : 0.0,
+             turns ? 1.0 : 0.0,
              of.in_part,
              of.line.phase(),
              of.line.amplitude.ends(),

@@ -598,3 +598,15 @@ def test_cable_that_moves_beside_a_press_takes_its_amplitude_along():
     np.testing.assert_allclose(end["amplitude"], (-0.1, 0), atol=0.01)
     held = found[first[170]]  # the line follows before the release
     np.testing.assert_allclose(held["amplitude"], (-0.1, 0), atol=0.02)
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_cable_that_moves_beside_a_press_is_named_where_off_states_differ(end):
+    """They resolve turns of the tag, which both ends share, not what moves one of them."""
+    off = (0.3, -0.3)
+    rows = rows_by_off_states(off, phases_of(PRESS, 60, 120, 60))
+    rows["phase"][120:, end] += np.radians(8)
+    found = explained(rows, filter_for(off))
+    moved = np.bincount(found["row"], found["weight"] * found["turns"])
+    assert moved[120] > 0.5
+    assert moved[[119, 121]].max() < 0.1
