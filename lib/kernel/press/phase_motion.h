@@ -46,8 +46,6 @@ public:
     //! Stays where it is now.
     void rest() { hold(phase(), covariance()); }
     void turn(const pair_of_ends& by) { d_state[0] += by[0], d_state[1] += by[1]; }
-    //! Both phases turn, by this on average.
-    void turn(double by) { turn({ by, by }); }
     void widen(const phase_covariance& by);
     //! Both phases turn, at this velocity with this deviation.
     void move(double velocity, double deviation);

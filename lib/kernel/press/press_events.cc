@@ -378,7 +378,7 @@ void press_filter::turn_unseen(explanation& to, double part) const
     to.line.common.turn(part * by);
     to.line.common.widen(squared(by) / 12 + bends);
     if (!to.press.steady) // else its velocity holds that of the turn
-        to.press.motion.turn(part * by);
+        to.press.motion.turn({ part * by, part * by });
     if (to.turn.by_hand)
         for (auto* amplitudes : { &to.line.amplitude, &to.press.strength })
             amplitudes->mean_variance += part * hand_variance(to.turn.speed);

@@ -291,8 +291,9 @@ void press_filter::with_courses(const explanation& from,
 void press_filter::branch_untouched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1 - d_group.untouched, d_set);
-    const double turns = turn_probability(from), moves = move_probability(from),
-                 hands = hand_probability(from),
+    const double turns = turn_probability(from, d_elapsed_s),
+                 moves = move_probability(from),
+                 hands = hand_probability(from, d_elapsed_s),
                  goes_on = going_on(turn_duration_s(from)), between = between_groups();
     const double sudden = may.all + turns + moves + burst_probability(from);
     const double quiet = std::max(1 - sudden, 1e-3);
@@ -317,8 +318,9 @@ void press_filter::branch_untouched(const explanation& from)
 void press_filter::branch_touched(const explanation& from)
 {
     const changes may(from.age_s, d_elapsed_s, 1, d_set);
-    const double turns = turn_probability(from), moves = move_probability(from),
-                 hands = hand_probability(from),
+    const double turns = turn_probability(from, d_elapsed_s),
+                 moves = move_probability(from),
+                 hands = hand_probability(from, d_elapsed_s),
                  turns_on = going_on(turn_duration_s(from)),
                  changes_on =
                      from.press.steady ? going_on(duration_s(from.press.speed)) : 0,
@@ -383,8 +385,8 @@ void press_filter::branch_mixed(const explanation& from)
 {
     const changes may(from.mixture.age_s, d_elapsed_s, 1, d_set);
     const bool touched = is_touched(from);
-    const double turns = turn_probability(from), moves = move_probability(from),
-                 bursts = burst_probability(from),
+    const double turns = turn_probability(from, d_elapsed_s),
+                 moves = move_probability(from), bursts = burst_probability(from),
                  lasts = from.mixture.single ? lasting() : going_on(d_set.change_s);
     const double all = (may.all - (touched ? may.steadily : 0) + turns +
                         (touched ? 2 : 1) * moves + bursts) /

@@ -86,15 +86,7 @@ private:
     double burst_probability(const explanation& of) const;
     double fail_probability(const explanation& of) const;
     double turn_probability(const explanation& of, double seconds) const;
-    double turn_probability(const explanation& of) const
-    {
-        return turn_probability(of, d_elapsed_s);
-    }
     double hand_probability(const explanation& of, double seconds) const;
-    double hand_probability(const explanation& of) const
-    {
-        return hand_probability(of, d_elapsed_s);
-    }
     double warming_probability(const explanation& of) const;
     double sudden_turn_variance() const;
     double going_on(double mean_s) const;

@@ -13,7 +13,6 @@ double wrapped(double angle) { return angle - two_pi * std::nearbyint(angle / tw
 press_image::press_image(const std::vector<double>& change,
                          std::size_t forces,
                          std::size_t locations,
-                         double log_step,
                          double spread)
     : d_density(cells * cells, 0.0), d_along(cells * cells, pair_of_ends{})
 {
@@ -30,7 +29,7 @@ press_image::press_image(const std::vector<double>& change,
             pair_of_ends along;
             for (int e = 0; e < 2; e++)
                 along[e] = wrapped(at(after, j)[e] - at(before, j)[e]) /
-                           (static_cast<double>(after - before) * log_step);
+                           static_cast<double>(after - before);
             add(at(i, j), along, spread);
         }
     }

@@ -29,13 +29,11 @@ class press_image
 public:
     /*!
      * \param change (forces, locations, 2), rad; forces rise by equal ratios
-     * \param log_step logarithm of that ratio
      * \param spread rad; standard deviation by which models are wrong
      */
     press_image(const std::vector<double>& change,
                 std::size_t forces,
                 std::size_t locations,
-                double log_step,
                 double spread);
 
     //! Per rad^2.

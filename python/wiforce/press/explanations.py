@@ -79,6 +79,5 @@ def _new_filter(
     untouched_rad = np.radians(model.untouched_deg(frequency_hz))
     untouched = np.exp(1j * untouched_rad)
     ratios = (np.exp(1j * np.radians(phases)) - off) / (untouched - np.array(off))
-    step = float(np.log(forces[1] / forces[0]))
-    presses = np.angle(ratios), step, np.radians(_SPREAD_DEG), values
+    presses = np.angle(ratios), np.radians(_SPREAD_DEG), values
     return press_filter(*presses, untouched_rad.tolist(), off, off_std)

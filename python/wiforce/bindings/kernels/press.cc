@@ -197,11 +197,10 @@ void bind_press(py::module& m)
         "press_filter",
         "Weighs what may have happened to a sensor, group by group (docs/press.md).\n\n"
         "change: (F, L, 2) changes of both phases by presses, rad; forces rise by equal\n"
-        "ratios, of the logarithm log_step. spread: rad, by which models are wrong.\n"
+        "ratios. spread: rad, by which models are wrong.\n"
         "parameters: of press_parameters.h. untouched: both phases, rad; off: both off\n"
         "states, and their standard deviation (off_states.h).")
         .def(py::init([](const array<double>& change,
-                         double log_step,
                          double spread,
                          const array<press_parameters>& parameters,
                          const pair_of_ends& untouched,
@@ -214,13 +213,11 @@ void bind_press(py::module& m)
                                          flat(change),
                                          static_cast<std::size_t>(change.shape(0)),
                                          static_cast<std::size_t>(change.shape(1)),
-                                         log_step,
                                          spread),
                                      *parameters.data(),
                                      off_states(untouched, off, off_std));
              }),
              "change"_a,
-             "log_step"_a,
              "spread"_a,
              "parameters"_a,
              "untouched"_a,
