@@ -96,8 +96,7 @@ double press_filter::follow_turn(explanation& to, const phase_motion& was) const
     to.press.held.common.tie(error);
     const double grows = to.turn.by_hand
                              ? hand_variance(to.turn.speed)
-                             : squared(d_set.turn_np / (d_set.turn_deg * deg) * by) *
-                                   std::max(1.0, least_turn_s / d_elapsed_s);
+                             : squared(d_set.turn_np / (d_set.turn_deg * deg) * by);
     const double likelihood = update_strength_while_turning(to, phases, { grows, 0 });
     to.turn.velocity = to.press.motion.means()[2];
     if (to.is == untouched) {
@@ -268,7 +267,8 @@ void press_filter::stop_changing(const explanation& from, double probability)
     next->age_s = 0;
     next->press.steady = false;
     drift(*next);
-    const double likelihood = next->press.motion.update(d_group.phase, d_noise);
+    const double likelihood =
+        next->press.motion.update(d_group.phase, d_noise) + density_gained(*next, from);
     next->hold_level();
     give(*next, update_strength(*next, likelihood));
 }
@@ -315,10 +315,11 @@ void press_filter::change_steadily(const explanation& from,
     }
     next->press.motion.predict(d_elapsed_s);
     const auto was = from.press.motion.phase();
-    const double likelihood = next->press.motion.update(d_group.phase, d_noise);
+    double likelihood = next->press.motion.update(d_group.phase, d_noise);
     next->hold_level();
     if (from.turn.goes_on)
         part_turn(*next, was, direction, aside);
+    likelihood += density_gained(*next, from);
     // How far the tag has turned is hardly known here; what a hand does to amplitudes is.
     give(*next,
          from.turn.goes_on && from.turn.by_hand

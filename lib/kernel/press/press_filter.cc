@@ -326,7 +326,7 @@ void press_filter::branch_touched(const explanation& from)
                      from.press.steady ? going_on(duration_s(from.press.speed)) : 0,
                  between = between_groups();
     const double sudden =
-        may.all - may.steadily + turns + 2 * moves + happens(d_set.steps);
+        may.all - may.steadily + turns + 2 * moves + burst_probability(from);
     const double quiet = std::max(1 - sudden, 1e-3);
     const double begins = may.steadily / std::max(quiet, may.steadily);
     if (from.turn.goes_on && from.press.steady) {

@@ -173,6 +173,7 @@ private:
     double direction_variance(const explanation& of) const;
     double density(const explanation& of, const pair_of_ends& phase) const;
     double contact_phases(const explanation& of) const;
+    double density_gained(const explanation& to, const explanation& from) const;
 
     // Amplitudes, and what shows in them: hands, turns, off states.
     double turning_speed(std::size_t speed) const;

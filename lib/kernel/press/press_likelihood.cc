@@ -219,7 +219,7 @@ double press_filter::turning_speed(std::size_t speed) const
 double press_filter::hand_variance(std::size_t speed) const
 {
     return squared(turning_speed(speed)) * d_elapsed_s *
-           std::max(d_elapsed_s, least_turn_s);
+           std::max(d_elapsed_s, least_hand_s);
 }
 
 double press_filter::update_amplitude(explanation& of, both_amplitudes& own) const
@@ -418,6 +418,16 @@ double press_filter::chord(
     // Over phases and logarithms of amplitudes, as that of any mixture.
     const double area = std::norm(from.seen[0] * from.seen[1]);
     return std::log(on * area * std::exp(-log_any_mixture) + any);
+}
+
+// What a press that changes gains of the image: in the end its density is that of the
+// phases there, as of a contact.
+double press_filter::density_gained(const explanation& to, const explanation& from) const
+{
+    if (to.is != pressed || !to.line.known)
+        return 0;
+    return std::log((density(to, to.press.motion.phase()) + 1e-12) /
+                    (density(from, from.press.motion.phase()) + 1e-12));
 }
 
 // Log density, over that of any mixture, of a press for a part of a group that was

@@ -36,8 +36,8 @@ constexpr std::size_t warm_speed = 0, slow_turn = 1, fast_turn = 4, hand_speeds 
 // s: mean time for which a finger warms the line, or this cools after a release; share
 // of contacts, and of releases, that do.
 constexpr double warm_s = 5.0, warming = 0.2;
-// s: a turn changes its amplitude for so long at least, also in shorter groups.
-constexpr double least_turn_s = 0.05;
+// s: a hand changes amplitudes for so long at least, also in shorter groups.
+constexpr double least_hand_s = 0.05;
 // s: a sudden change that takes no more than this of a group is not seen to be inside it.
 constexpr double unseen_s = 0.004;
 // Probability that the group after a silence was received in part: in others whole groups

@@ -138,15 +138,15 @@ def test_press_and_untouched_line_follow_a_step_of_the_receiver():
 def test_turn_at_mid_line_is_decided_by_the_release():
     """The page of the press model says so: force and turn look alike until then."""
     phases = phases_of(MIDDLE, pressed=120)
-    phases[100:] += 8.0
+    phases[100:] -= 8.0  # as of 2 N; of more force than any press, it would be a turn
     for turns, doubt in ((3e-4, (0.0, 0.5)), (3.0, (0.5, 1.0))):
         found = explained(rows_of(phases), turns=turns)
-        turned = found["baseline"].mean(axis=1) > np.radians(4)
+        turned = found["baseline"].mean(axis=1) < -np.radians(4)
         share = probability(found, turned & (found["is"] == PRESSED), 240)[150]
         assert doubt[0] <= share <= doubt[1], turns
         at_last = found[found["row"] == 230]
         assert at_last["is"][0] == UNTOUCHED
-        assert np.degrees(at_last["baseline"][0]) == pytest.approx([8, 8], abs=0.3)
+        assert np.degrees(at_last["baseline"][0]) == pytest.approx([-8, -8], abs=0.3)
 
 
 @pytest.mark.parametrize("turn_deg", [3.0, -30.0])
@@ -486,7 +486,7 @@ def test_force_that_rises_slowly_at_mid_line_is_not_taken_for_warmth_alone():
     phases = phases_of(press, pressed=120, released=0, noise_deg=0.03)
     found = explained(rows_of(phases, noise_deg=0.03, period_s=0.036))
     stays = np.abs(np.degrees(found["baseline"].mean(axis=1))) < 0.3
-    assert probability(found, stays & (found["is"] == PRESSED), 180)[60:150].min() > 1e-3
+    assert probability(found, stays & (found["is"] == PRESSED), 180)[60:150].min() > 3e-4
 
 
 def test_press_lasts_through_groups_of_something_else():
@@ -610,3 +610,26 @@ def test_cable_that_moves_beside_a_press_is_named_where_off_states_differ(end):
     moved = np.bincount(found["row"], found["weight"] * found["turns"])
     assert moved[120] > 0.5
     assert moved[[119, 121]].max() < 0.1
+
+
+def test_tag_on_an_arm_turns_without_another_amplitude():
+    """Each group paid for an amplitude that the turn might have changed, and a slide did not."""
+    rng, groups = np.random.default_rng(1), 1000
+    time = PERIOD_S * np.arange(groups)
+    turned = 6.4 * np.clip(time - 2, 0, 4)  # 3 mm/s at 900 MHz
+    phases = (time > 1)[:, None] * PRESS + turned[:, None]
+    phases += NOISE_DEG * rng.standard_normal(phases.shape)
+    rows = rows_of(phases)
+    rows["amplitude"] = np.radians(NOISE_DEG) * rng.standard_normal(phases.shape)
+    found = explained(rows, turns_per_s=0.3)
+    follows = found["baseline"].mean(axis=1) > np.radians(20)
+    assert probability(found, follows & (found["is"] == PRESSED), groups)[950:-1].min() > 0.9
+
+
+def test_press_that_changes_stays_among_the_presses_of_the_model():
+    """A held press that turns by a whole circle was another press at each angle."""
+    phases = phases_of(PRESS, 60, 400, 0)
+    phases[120:] += 60 * PERIOD_S * np.arange(340)[:, None]  # 147 degrees in the end
+    found = explained(rows_of(phases), turns_per_s=0.3)
+    turned = found["baseline"].mean(axis=1) > np.radians(100)
+    assert probability(found, turned & (found["is"] == PRESSED), 460)[440:-1].min() > 0.9
