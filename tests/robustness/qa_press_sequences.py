@@ -24,6 +24,7 @@ LONG_TURNING = {
     "off states alike": 5e-3,
     "warm": 5e-3,
     "hand": 1e-2,
+    "bursts": 5e-3,  # those that fill a small part of a long group
 }
 # Of which less than half of the touched readings has no flag.
 UNSTEADY = "hand", "contacts", "off states in error", "tremor", *TURNING
@@ -99,6 +100,8 @@ ONCE_WRONG = [
     # At mid-line a force that falls slowly was taken for warmth.
     ("plain", 174, 625, 200),
     ("slow forces", 16, 625, 200),
+    # A release and the next press in two groups of 144 ms; the first began to be the next line.
+    ("gaps", 149, 2500, 150),
 ]
 
 

@@ -386,8 +386,11 @@ void press_filter::branch_mixed(const explanation& from)
     const changes may(from.mixture.age_s, d_elapsed_s, 1, d_set);
     const bool touched = is_touched(from);
     const double turns = turn_probability(from, d_elapsed_s),
-                 moves = move_probability(from), bursts = burst_probability(from),
-                 lasts = from.mixture.single ? lasting() : going_on(d_set.change_s);
+                 moves = move_probability(from), bursts = burst_probability(from);
+    // The change lasts, or another one follows it at once.
+    const double goes_on = from.mixture.single ? lasting() : going_on(d_set.change_s),
+                 another = (1 - between_groups()) * changes(0, d_elapsed_s, 1, d_set).all,
+                 lasts = goes_on + (1 - goes_on) * another;
     const double all = (may.all - (touched ? may.steadily : 0) + turns +
                         (touched ? 2 : 1) * moves + bursts) /
                        (1 - lasts);
