@@ -26,8 +26,8 @@ public:
     //! variance of that, covariances of the errors of both and of their noise, and
     //! whether the density is that of the phase beside it, or that of the phase alone.
     struct companion {
-        double off = 0, variance = 1, errors = 0, noise = 0;
-        bool known = false;
+        double off, variance, errors, noise;
+        bool known;
     };
 
     drift_bank() = default; // does not drift

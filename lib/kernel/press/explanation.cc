@@ -27,6 +27,13 @@ pair_of_ends mean_and_difference(const pair_of_ends& phase)
     return { phase[1] + apart / 2, apart };
 }
 
+// Mean and difference of how far other phases lie beside these.
+pair_of_ends apart_from(const pair_of_ends& phase, const pair_of_ends& other)
+{
+    return mean_and_difference(
+        { wrapped(other[0] - phase[0]), wrapped(other[1] - phase[1]) });
+}
+
 phase_covariance of_ends(double mean, double difference, double both = 0)
 {
     const double half = difference / 4;
@@ -126,7 +133,7 @@ drifting_phases::seen_phases drifting_phases::beside(const pair_of_ends& phase,
              apart.mean + off,
              difference_noise,
              { off, difference_all, errors, noises, true },
-             { wrapped(seen_mean - mean.mean), mean_all, errors, noises },
+             { wrapped(seen_mean - mean.mean), mean_all, errors, noises, false },
              errors - ((mean.variance * difference_all - errors * shared) * errors +
                        (errors * mean_all - mean.variance * shared) * apart.variance) /
                           of_all };
@@ -171,7 +178,7 @@ void drifting_phases::merge(const drifting_phases& other, double share)
                      wrapped(other.common.estimate().mean - common.estimate().mean),
                  apart = wrapped(other.difference.estimate().mean -
                                  difference.estimate().mean);
-    both += share * (other.both - both) + share * (1 - share) * mean_apart * apart;
+    mix_covariance(both, other.both, mean_apart, apart, share);
     common.merge(other.common, share);
     difference.merge(other.difference, share);
 }
@@ -239,22 +246,19 @@ void explanation::recount(const pair_of_ends& phase, const pair_of_ends& gain)
 
 pair_of_ends press_outcome::apart(const press_outcome& other) const
 {
-    return mean_and_difference({ wrapped(other.baseline[0] - baseline[0]),
-                                 wrapped(other.baseline[1] - baseline[1]) });
+    return apart_from(baseline, other.baseline);
 }
 
 pair_of_ends press_outcome::seen_apart(const press_outcome& other) const
 {
-    return mean_and_difference({ wrapped(other.mean.phase[0] - mean.phase[0]),
-                                 wrapped(other.mean.phase[1] - mean.phase[1]) });
+    return apart_from(mean.phase, other.mean.phase);
 }
 
 void press_outcome::merge(const press_outcome& other, double share)
 {
     const auto [common, difference] = apart(other);
     double turned = 0, parted = 0;
-    covariance += share * (other.covariance - covariance) +
-                  share * (1 - share) * common * difference;
+    mix_covariance(covariance, other.covariance, common, difference, share);
     mix_moments(turned, common_variance, common, other.common_variance, share);
     mix_moments(
         parted, difference_variance, difference, other.difference_variance, share);
@@ -285,8 +289,8 @@ void explanation::merge(const explanation& other, double share)
                                       line.common.estimate().mean),
                  strength_apart =
                      other.press.strength.difference - press.strength.difference;
-    mean(press.with_common, other.press.with_common);
-    press.with_common += share * (1 - share) * line_apart * strength_apart;
+    mix_covariance(
+        press.with_common, other.press.with_common, line_apart, strength_apart, share);
     line.merge(other.line, share);
     line.amplitude.merge(other.line.amplitude, share);
     press.held.merge(other.press.held, share);

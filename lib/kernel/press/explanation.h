@@ -140,10 +140,9 @@ struct explanation {
 
     //! The tag or an antenna turns, or a hand comes near, which changes amplitudes too.
     struct tag_turn {
-        bool goes_on = false;
-        bool sudden = false,
-             parted = false; // in this group: by a cable, each end by itself
-        bool by_hand = false;
+        bool goes_on = false, by_hand = false;
+        // In this group; by a cable, each end by itself.
+        bool sudden = false, parted = false;
         double velocity = 0;   // rad/s
         double age_s = 0;      // since it began
         std::size_t speed = 0; // how fast its velocity changes, of `turn_speeds`

@@ -95,9 +95,8 @@ void phase_motion::merge(const phase_motion& other, double share)
     }
     for (int i = 0; i < 4; i++)
         for (int j = 0; j < 4; j++)
-            d_covariance[i][j] +=
-                share * (other.d_covariance[i][j] - d_covariance[i][j]) +
-                share * (1 - share) * apart[i] * apart[j];
+            mix_covariance(
+                d_covariance[i][j], other.d_covariance[i][j], apart[i], apart[j], share);
 }
 
 std::array<double, 4> phase_motion::means() const

@@ -5,12 +5,19 @@
 
 namespace gr::wiforce::kernel {
 
-//! Mean and variance of what is a mixture from now on: the other part has this share, and
-//! a mean that lies so far apart.
+//! Covariance of two values that are mixtures from now on: the other part has this share,
+//! and means that lie so far apart.
+inline void mix_covariance(
+    double& own, double others, double first_apart, double second_apart, double share)
+{
+    own += share * (others - own) + share * (1 - share) * first_apart * second_apart;
+}
+
+//! Likewise mean and variance.
 inline void
 mix_moments(double& mean, double& variance, double apart, double others, double share)
 {
-    variance += share * (others - variance) + share * (1 - share) * apart * apart;
+    mix_covariance(variance, others, apart, apart, share);
     mean += share * apart;
 }
 
