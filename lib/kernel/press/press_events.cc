@@ -30,10 +30,7 @@ void press_filter::turn_suddenly(const explanation& from, double probability)
     next->turn.goes_on = next->press.steady = next->turn.by_hand = false;
     next->turn.sudden = true;
     next->press.motion.rest();
-    if (from.is == untouched)
-        start_motion_at_line(*next);
-    else
-        drift(*next);
+    start_motion(*next, true);
     const auto was = next->press.motion;
     next->press.motion.widen(turned);
     give(*next, follow_turn(*next, was));
@@ -53,10 +50,7 @@ void press_filter::turn_slowly(
         next->turn.begin(speed, near);
         count_turn(*next, from);
     }
-    if (begins && from.is == untouched)
-        start_motion_at_line(*next);
-    else
-        drift(*next);
+    start_motion(*next, begins);
     next->turn.goes_on = how != course::ends;
     next->turn.speed = speed;
     const auto was = next->press.motion;
@@ -75,8 +69,14 @@ void press_filter::count_turn(explanation& to, const explanation& from) const
     (to.turn.by_hand ? to.turn.hands : to.turn.seen) += learns_turns(from);
 }
 
-void press_filter::start_motion_at_line(explanation& to)
+// Where the phases are before they turn: an untouched line, as it is predicted, where its
+// turn begins; else they have drifted since the group before.
+void press_filter::start_motion(explanation& to, bool begins) const
 {
+    if (!begins || to.is != untouched) {
+        drift(to);
+        return;
+    }
     to.press.motion.hold(to.line.phase(), to.line.covariance());
     to.press.strength = to.line.amplitude;
 }
@@ -139,7 +139,7 @@ void press_filter::leave(const explanation& from, double probability, bool cools
         next->line.known = true;
     }
     if (next->turn.goes_on) {
-        start_motion_at_line(*next);
+        start_motion(*next, true);
         next->press.motion.move(next->turn.velocity, velocity_deviation(*next));
     }
     give(*next, likelihood);

@@ -135,7 +135,7 @@ private:
 
     static void move_cable(explanation& to);
     pair_of_ends moved_amplitudes() const;
-    static void start_motion_at_line(explanation& to);
+    void start_motion(explanation& to, bool begins) const;
     void count_turn(explanation& to, const explanation& from) const;
     double follow_turn(explanation& to, const phase_motion& was) const;
     void part_turn(explanation& to,
