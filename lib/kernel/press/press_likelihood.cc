@@ -132,8 +132,10 @@ void press_filter::step_level(const explanation& from)
 {
     const auto was = is_touched(from) ? shown_strength(from) : from.line.amplitude;
     const double by = d_seen.mean - was.mean,
-                 variance = was.mean_variance + d_seen.mean_variance,
-                 prior = happens(d_set.steps) * (from.is == mixed ? 1 : between_groups()),
+                 variance = was.mean_variance + d_seen.mean_variance;
+    if (squared(by) <= variance) // no step is as likely as none
+        return;
+    const double prior = happens(d_set.steps) * (from.is == mixed ? 1 : between_groups()),
                  log_step = std::log(prior + 1e-300) -
                             std::log(2 * std::sqrt(squared(by) + variance) * step_span);
     if (log_step < log_normal(by, variance))
