@@ -486,7 +486,7 @@ def test_force_that_rises_slowly_at_mid_line_is_not_taken_for_warmth_alone():
     phases = phases_of(press, pressed=120, released=0, noise_deg=0.03)
     found = explained(rows_of(phases, noise_deg=0.03, period_s=0.036))
     stays = np.abs(np.degrees(found["baseline"].mean(axis=1))) < 0.3
-    assert probability(found, stays & (found["is"] == PRESSED), 180)[60:150].min() > 3e-4
+    assert probability(found, stays & (found["is"] == PRESSED), 180)[60:150].min() > 1e-3
 
 
 def test_press_lasts_through_groups_of_something_else():
@@ -531,27 +531,27 @@ def test_average_of_a_press_is_without_a_group_of_something_else():
     assert np.abs(off).max() < 4 * NOISE_DEG
 
 
+@pytest.mark.parametrize("seed", cases(4, 5, long=range(4)))
 @pytest.mark.parametrize("drift_deg", [0.03, 0.3, 1.0])
-def test_ends_of_unequal_noise_are_followed_as_by_a_filter_of_each(drift_deg):
+def test_ends_of_unequal_noise_are_followed_as_by_a_filter_of_each(drift_deg, seed):
     """Mean and difference were each followed alone: a drift looked like a creeping press."""
     noise_deg, period_s, groups = np.array([0.3, 0.075]), 0.036, 400
     expected = 0
     for noise in noise_deg**2:  # in the steady state, of a random walk
         walk = drift_deg**2 * period_s
         expected += (np.sqrt(walk**2 / 4 + walk * noise) - walk / 2) / 4
-    for seed in cases([4], range(12)):
-        rng = np.random.default_rng(seed)
-        steps = drift_deg * np.sqrt(period_s) * rng.standard_normal((groups, 2))
-        phases = np.cumsum(steps, axis=0) + noise_deg * rng.standard_normal((groups, 2))
-        rows = rows_of(phases, noise_deg=noise_deg, period_s=period_s, untouched=5)
-        found = explained(rows, drift_deg=drift_deg)
-        assert probability(found, found["is"] == UNTOUCHED, groups).min() > 0.99
-        # Beside the error that no noise explains, and turns that may happen: a quarter more.
-        first, _ = likeliest(found, groups)
-        variance = np.degrees(np.degrees(found["common_variance"][first[200:]])).mean()
-        assert variance == pytest.approx(expected, rel=0.25, abs=2e-4)
-        found = explained(rows)  # likewise of a drift that is learned
-        assert probability(found, found["is"] == UNTOUCHED, groups)[20:].min() > 0.5
+    rng = np.random.default_rng(seed)
+    steps = drift_deg * np.sqrt(period_s) * rng.standard_normal((groups, 2))
+    phases = np.cumsum(steps, axis=0) + noise_deg * rng.standard_normal((groups, 2))
+    rows = rows_of(phases, noise_deg=noise_deg, period_s=period_s, untouched=5)
+    found = explained(rows, drift_deg=drift_deg)
+    assert probability(found, found["is"] == UNTOUCHED, groups).min() > 0.99
+    # Beside the error that no noise explains, and turns that may happen: a quarter more.
+    first, _ = likeliest(found, groups)
+    variance = np.degrees(np.degrees(found["common_variance"][first[200:]])).mean()
+    assert variance == pytest.approx(expected, rel=0.25, abs=2e-4)
+    found = explained(rows)  # likewise of a drift that is learned
+    assert probability(found, found["is"] == UNTOUCHED, groups)[20:].min() > 0.5
 
 
 def test_levels_of_amplitudes_change_no_probability():
