@@ -61,6 +61,23 @@ void phase_motion::widen_velocity(const phase_covariance& by)
     d_covariance[3][2] += by.both;
 }
 
+void phase_motion::bend(double angle, double common)
+{
+    const double cosine = std::cos(angle), sine = std::sin(angle);
+    const auto rotate = [&](double& first, double& second) {
+        const double was = first;
+        first = cosine * was - sine * second;
+        second = sine * was + cosine * second;
+    };
+    push(-common);
+    rotate(d_state[2], d_state[3]);
+    push(common);
+    for (auto& row : d_covariance)
+        rotate(row[2], row[3]);
+    for (int j = 0; j < 4; j++)
+        rotate(d_covariance[2][j], d_covariance[3][j]);
+}
+
 void phase_motion::stop(double seconds)
 {
     // On average in the middle.

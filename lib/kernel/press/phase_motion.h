@@ -59,6 +59,13 @@ public:
     //! Both velocities change by this.
     void push(double by) { d_state[2] += by, d_state[3] += by; }
     void widen_velocity(const phase_covariance& by);
+    pair_of_ends velocity() const { return { d_state[2], d_state[3] }; }
+    phase_covariance velocity_covariance() const
+    {
+        return { d_covariance[2][2], d_covariance[3][3], d_covariance[2][3] };
+    }
+    //! The velocities, but for this of both, turn by an angle.
+    void bend(double angle, double common);
     //! A steady change ended somewhere in the last `seconds`.
     void stop(double seconds);
     void predict(double seconds);

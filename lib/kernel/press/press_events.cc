@@ -301,11 +301,8 @@ void press_filter::change_steadily(const explanation& from,
     next->press.slides = slides;
     next->press.speed = speed;
     drift(*next);
-    // What slides, or rolls, moves both phases in any direction.
-    const auto direction = press_direction(from);
-    const double aside = slides ? 1.0 : direction_variance(from);
-    // The speed begins, or changes as much within a second. A change has the error of the
-    // direction, also where a force that swings turns back.
+    const auto [direction, aside] = heading_of(from, slides);
+    // The speed begins, or changes as much within a second.
     const double along = squared(speeds[speed]) * (from.press.steady ? d_elapsed_s : 1.0);
     next->press.motion.widen_velocity(covariance_along(direction, along, aside * along));
     if (from.turn.goes_on) { // by what it turned before, or by anything
@@ -317,6 +314,8 @@ void press_filter::change_steadily(const explanation& from,
     const auto was = from.press.motion.phase();
     double likelihood = next->press.motion.update(d_group.phase, d_noise);
     next->hold_level();
+    if (!slides)
+        bend(*next, from);
     if (from.turn.goes_on)
         part_turn(*next, was, direction, aside);
     likelihood += density_gained(*next, from);

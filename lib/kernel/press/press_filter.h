@@ -169,8 +169,9 @@ private:
     void drift(explanation& to) const;
     void begin_press(explanation& to) const;
     void reset_strength(explanation& to) const;
-    pair_of_ends press_direction(const explanation& of) const;
-    double direction_variance(const explanation& of) const;
+    press_image::heading image_heading(const explanation& of) const;
+    press_image::heading heading_of(const explanation& of, bool slides) const;
+    void bend(explanation& to, const explanation& from) const;
     double density(const explanation& of, const pair_of_ends& phase) const;
     double contact_phases(const explanation& of) const;
     double density_gained(const explanation& to, const explanation& from) const;

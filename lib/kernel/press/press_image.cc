@@ -28,8 +28,10 @@ press_image::press_image(const std::vector<double>& change,
         for (std::size_t j = 0; j < locations; j++) {
             pair_of_ends along;
             for (int e = 0; e < 2; e++)
-                along[e] = wrapped(at(after, j)[e] - at(before, j)[e]) /
-                           static_cast<double>(after - before);
+                along[e] = wrapped(at(after, j)[e] - at(before, j)[e]);
+            const double length = std::hypot(along[0], along[1]);
+            for (double& part : along)
+                part = length > 0 ? part / length : 0;
             add(at(i, j), along, spread);
         }
     }
@@ -38,14 +40,11 @@ press_image::press_image(const std::vector<double>& change,
         total += density;
     const double cell = two_pi / cells;
     for (std::size_t i = 0; i < d_density.size(); i++) {
+        if (d_density[i] > 0)
+            for (double& along : d_along[i])
+                along /= d_density[i];
         d_density[i] /= total * cell * cell;
         d_largest = std::max(d_largest, d_density[i]);
-        auto& along = d_along[i];
-        const double length = std::hypot(along[0], along[1]);
-        if (length > 0)
-            along = { along[0] / length, along[1] / length };
-        else
-            along = alike_both;
     }
 }
 
@@ -108,16 +107,16 @@ double press_image::density(const pair_of_ends& change) const
     return sum;
 }
 
-pair_of_ends press_image::direction(const pair_of_ends& change) const
+press_image::heading press_image::direction(const pair_of_ends& change) const
 {
     pair_of_ends mean{};
     for (const auto& [cell, share] : around(change))
         for (int e = 0; e < 2; e++)
             mean[e] += share * d_along[cell][e];
-    const double length = std::hypot(mean[0], mean[1]);
-    if (length < 0.5)
-        return alike_both;
-    return { mean[0] / length, mean[1] / length };
+    const double length = std::hypot(mean[0], mean[1]), variance = -2 * std::log(length);
+    if (!(variance < 1))
+        return {};
+    return { { mean[0] / length, mean[1] / length }, std::max(variance, 0.0) };
 }
 
 } // namespace gr::wiforce::kernel

@@ -39,8 +39,13 @@ public:
     //! Per rad^2.
     double density(const pair_of_ends& change) const;
     double largest_density() const { return d_largest; }
-    //! Unit vector in which more force moves both phases; equal parts where no press is.
-    pair_of_ends direction(const pair_of_ends& change) const;
+    //! Unit vector in which more force moves both phases, and the variance of its angle
+    //! among the presses that look like this; anything where none does.
+    struct heading {
+        pair_of_ends along{ alike_both };
+        double variance = 1;
+    };
+    heading direction(const pair_of_ends& change) const;
 
 private:
     struct corner {
@@ -55,7 +60,7 @@ private:
 
     std::vector<double> d_density;
     double d_largest = 0;
-    std::vector<pair_of_ends> d_along;
+    std::vector<pair_of_ends> d_along; // shorter where the presses differ
 };
 
 } // namespace gr::wiforce::kernel

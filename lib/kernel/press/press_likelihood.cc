@@ -463,15 +463,51 @@ double press_filter::pressed_in_part(const mixture& from) const
 both_ends press_filter::seen_ratio() const { return d_seen.at(d_group.phase); }
 
 // In which more force moves both phases; any where the model does not say it.
-pair_of_ends press_filter::press_direction(const explanation& of) const
+press_image::heading press_filter::image_heading(const explanation& of) const
 {
-    return of.line.known ? d_image->direction(of.change(of.press.motion.phase()))
-                         : alike_both;
+    return of.is == pressed && of.line.known
+               ? d_image->direction(of.change(of.press.motion.phase()))
+               : press_image::heading{};
 }
 
-double press_filter::direction_variance(const explanation& of) const
+// Of a press that slides, or rolls, any; a force moves both phases in the direction of
+// the image, beside which it goes by the same angle for as long as the press changes.
+press_image::heading press_filter::heading_of(const explanation& of, bool slides) const
 {
-    return of.line.known && of.is == pressed ? squared(d_set.aside) : 1.0;
+    auto found = image_heading(of);
+    if (slides) {
+        found.variance = 1;
+        return found;
+    }
+    double aside = squared(d_set.aside);
+    if (of.press.steady && !of.press.slides) {
+        const auto& motion = of.press.motion;
+        const auto [x, y] = found.along;
+        const auto velocity = motion.velocity();
+        const double turn = of.turn.goes_on ? of.turn.velocity : 0,
+                     first = velocity[0] - turn, second = velocity[1] - turn;
+        const auto error = motion.velocity_covariance();
+        const double along = x * first + y * second, across = x * second - y * first,
+                     variance = x * x * error.second + y * y * error.first -
+                                2 * x * y * error.both + found.variance * squared(along),
+                     all = aside * squared(along) + variance,
+                     tangent = aside * along * across / all,
+                     length = std::hypot(1, tangent);
+        found.along = { (x - tangent * y) / length, (y + tangent * x) / length };
+        aside *= variance / all;
+    }
+    found.variance += aside;
+    return found;
+}
+
+// What a force moves goes on along the image, as far as this is known to bend.
+void press_filter::bend(explanation& to, const explanation& from) const
+{
+    const auto was = image_heading(from), is = image_heading(to);
+    const double aside = squared(d_set.aside),
+                 known = aside / (aside + was.variance + is.variance),
+                 sine = was.along[0] * is.along[1] - was.along[1] * is.along[0];
+    to.press.motion.bend(known * std::asin(sine), to.turn.goes_on ? to.turn.velocity : 0);
 }
 
 press_filter::outcome press_filter::describe(const explanation& of) const

@@ -633,3 +633,16 @@ def test_press_that_changes_stays_among_the_presses_of_the_model():
     found = explained(rows_of(phases), turns_per_s=0.3)
     turned = found["baseline"].mean(axis=1) > np.radians(100)
     assert probability(found, turned & (found["is"] == PRESSED), 460)[440:-1].min() > 0.9
+
+
+def test_force_that_changes_at_mid_line_pays_once_for_the_error_of_its_direction():
+    """A turn moves both phases alike; a force errs from the image by an angle, in all groups."""
+    model, period_s = wiforce.load_sensor("line-2400mhz"), 0.036
+    force = np.interp(period_s * np.arange(40), (0.2, 0.8), (1.5, 6.0))
+    press = np.array([model.phases_deg(f, 40.0) for f in force]) - model.untouched_deg()
+    phases = phases_of(press, 20, 40, 0, noise_deg=0.1)
+    calibrated = wiforce.load_sensor("line-2400mhz-calibrated")
+    filters = filter_of(calibrated, 2.4e9, 0.0, period_s=period_s)
+    found = explained(rows_of(phases, noise_deg=0.1, period_s=period_s), filters)
+    turned = np.abs(np.degrees(found["baseline"].mean(axis=1))) > 1
+    assert probability(found, turned, 60)[21:-1].max() < 0.02
