@@ -165,7 +165,10 @@ struct explanation {
         phase_motion motion;  // as it changes steadily,
         drifting_phases held; // or drifts like the untouched line
         bool steady = false, slides = false;
-        std::size_t speed = 0;    // of the steady change, of `speeds`
+        std::size_t speed = 0; // of the steady change, of `speeds`
+        // Of the image where it is now, or nothing known.
+        press_image::heading heading;
+        double log_density = 0;
         both_amplitudes strength; // beside what the off states cause
         double with_common =
             0; // covariance of its difference with the line's common phase

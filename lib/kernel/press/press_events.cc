@@ -267,9 +267,10 @@ void press_filter::stop_changing(const explanation& from, double probability)
     next->age_s = 0;
     next->press.steady = false;
     drift(*next);
-    const double likelihood =
-        next->press.motion.update(d_group.phase, d_noise) + density_gained(*next, from);
+    double likelihood = next->press.motion.update(d_group.phase, d_noise);
     next->hold_level();
+    look_up(*next);
+    likelihood += next->press.log_density - from.press.log_density;
     give(*next, update_strength(*next, likelihood));
 }
 
@@ -314,11 +315,14 @@ void press_filter::change_steadily(const explanation& from,
     const auto was = from.press.motion.phase();
     double likelihood = next->press.motion.update(d_group.phase, d_noise);
     next->hold_level();
+    // In the end the density of a press that changes is that of a contact with its
+    // phases.
+    look_up(*next);
+    likelihood += next->press.log_density - from.press.log_density;
     if (!slides)
-        bend(*next, from);
+        bend(*next, from.press.heading);
     if (from.turn.goes_on)
         part_turn(*next, was, direction, aside);
-    likelihood += density_gained(*next, from);
     // How far the tag has turned is hardly known here; what a hand does to amplitudes is.
     give(*next,
          from.turn.goes_on && from.turn.by_hand

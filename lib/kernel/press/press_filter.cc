@@ -126,6 +126,7 @@ void press_filter::take(const press_observation& group)
     const double steps = step_probability();
     for (auto& from : d_kept) {
         predict(from);
+        look_up(from);
         const double log_weight = from.log_weight;
         if (steps < 1) {
             from.log_weight = log_weight + std::log1p(-steps);
@@ -136,6 +137,7 @@ void press_filter::take(const press_observation& group)
         if (steps > 0 && may_count(from, std::log(steps) + d_peak)) {
             from.log_weight = log_weight + std::log(steps);
             step_receiver(from);
+            look_up(from);
             branch(from);
         }
     }

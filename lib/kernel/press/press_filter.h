@@ -169,12 +169,11 @@ private:
     void drift(explanation& to) const;
     void begin_press(explanation& to) const;
     void reset_strength(explanation& to) const;
-    press_image::heading image_heading(const explanation& of) const;
+    void look_up(explanation& of) const;
     press_image::heading heading_of(const explanation& of, bool slides) const;
-    void bend(explanation& to, const explanation& from) const;
+    void bend(explanation& to, const press_image::heading& was) const;
     double density(const explanation& of, const pair_of_ends& phase) const;
     double contact_phases(const explanation& of) const;
-    double density_gained(const explanation& to, const explanation& from) const;
 
     // Amplitudes, and what shows in them: hands, turns, off states.
     double turning_speed(std::size_t speed) const;

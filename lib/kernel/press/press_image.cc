@@ -113,7 +113,8 @@ press_image::heading press_image::direction(const pair_of_ends& change) const
     for (const auto& [cell, share] : around(change))
         for (int e = 0; e < 2; e++)
             mean[e] += share * d_along[cell][e];
-    const double length = std::hypot(mean[0], mean[1]), variance = -2 * std::log(length);
+    const double length2 = mean[0] * mean[0] + mean[1] * mean[1],
+                 variance = -std::log(length2), length = std::sqrt(length2);
     if (!(variance < 1))
         return {};
     return { { mean[0] / length, mean[1] / length }, std::max(variance, 0.0) };

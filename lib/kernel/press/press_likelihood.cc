@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 namespace gr::wiforce::kernel {
 
@@ -422,16 +423,6 @@ double press_filter::chord(
     return std::log(on * area * std::exp(-log_any_mixture) + any);
 }
 
-// What a press that changes gains of the image: in the end its density is that of the
-// phases there, as of a contact.
-double press_filter::density_gained(const explanation& to, const explanation& from) const
-{
-    if (to.is != pressed || !to.line.known)
-        return 0;
-    return std::log((density(to, to.press.motion.phase()) + 1e-12) /
-                    (density(from, from.press.motion.phase()) + 1e-12));
-}
-
 // Log density, over that of any mixture, of a press for a part of a group that was
 // untouched before: z = 1 - s + s e^{j phi} at both ends, so that each shows its share s
 // and phi of the press.
@@ -462,19 +453,24 @@ double press_filter::pressed_in_part(const mixture& from) const
 
 both_ends press_filter::seen_ratio() const { return d_seen.at(d_group.phase); }
 
-// In which more force moves both phases; any where the model does not say it.
-press_image::heading press_filter::image_heading(const explanation& of) const
+// Density of the image where a press is, and the direction in which more force moves it.
+void press_filter::look_up(explanation& of) const
 {
-    return of.is == pressed && of.line.known
-               ? d_image->direction(of.change(of.press.motion.phase()))
-               : press_image::heading{};
+    auto& press = of.press;
+    press.heading = {};
+    press.log_density = 0;
+    if ((of.is == mixed ? of.mixture.before : of.is) != pressed || !of.line.known)
+        return;
+    const auto phase = press.motion.phase();
+    press.heading = d_image->direction(of.change(phase));
+    press.log_density = std::log(density(of, phase) + 1e-12);
 }
 
 // Of a press that slides, or rolls, any; a force moves both phases in the direction of
 // the image, beside which it goes by the same angle for as long as the press changes.
 press_image::heading press_filter::heading_of(const explanation& of, bool slides) const
 {
-    auto found = image_heading(of);
+    auto found = of.press.heading;
     if (slides) {
         found.variance = 1;
         return found;
@@ -492,7 +488,7 @@ press_image::heading press_filter::heading_of(const explanation& of, bool slides
                                 2 * x * y * error.both + found.variance * squared(along),
                      all = aside * squared(along) + variance,
                      tangent = aside * along * across / all,
-                     length = std::hypot(1, tangent);
+                     length = std::sqrt(1 + squared(tangent));
         found.along = { (x - tangent * y) / length, (y + tangent * x) / length };
         aside *= variance / all;
     }
@@ -501,13 +497,15 @@ press_image::heading press_filter::heading_of(const explanation& of, bool slides
 }
 
 // What a force moves goes on along the image, as far as this is known to bend.
-void press_filter::bend(explanation& to, const explanation& from) const
+void press_filter::bend(explanation& to, const press_image::heading& was) const
 {
-    const auto was = image_heading(from), is = image_heading(to);
+    const auto& is = to.press.heading;
+    const auto& [from, at] = std::tie(was.along, is.along);
     const double aside = squared(d_set.aside),
                  known = aside / (aside + was.variance + is.variance),
-                 sine = was.along[0] * is.along[1] - was.along[1] * is.along[0];
-    to.press.motion.bend(known * std::asin(sine), to.turn.goes_on ? to.turn.velocity : 0);
+                 angle = std::atan2(from[0] * at[1] - from[1] * at[0],
+                                    from[0] * at[0] + from[1] * at[1]);
+    to.press.motion.bend(known * angle, to.turn.goes_on ? to.turn.velocity : 0);
 }
 
 press_filter::outcome press_filter::describe(const explanation& of) const
