@@ -166,7 +166,7 @@ struct explanation {
         drifting_phases held; // or drifts like the untouched line
         bool steady = false, slides = false;
         std::size_t speed = 0; // of the steady change, of `speeds`
-        // Of the image where it is now, or nothing known.
+        // Of the image where it was in the group before (look_up).
         press_image::heading heading;
         double log_density = 0;
         both_amplitudes strength; // beside what the off states cause

@@ -315,14 +315,14 @@ void press_filter::change_steadily(const explanation& from,
     const auto was = from.press.motion.phase();
     double likelihood = next->press.motion.update(d_group.phase, d_noise);
     next->hold_level();
+    if (from.turn.goes_on)
+        part_turn(*next, was, direction, aside);
     // In the end the density of a press that changes is that of a contact with its
     // phases.
     look_up(*next);
     likelihood += next->press.log_density - from.press.log_density;
     if (!slides)
         bend(*next, from.press.heading);
-    if (from.turn.goes_on)
-        part_turn(*next, was, direction, aside);
     // How far the tag has turned is hardly known here; what a hand does to amplitudes is.
     give(*next,
          from.turn.goes_on && from.turn.by_hand

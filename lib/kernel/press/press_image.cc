@@ -40,10 +40,8 @@ press_image::press_image(const std::vector<double>& change,
         total += density;
     const double cell = two_pi / cells;
     for (std::size_t i = 0; i < d_density.size(); i++) {
-        if (d_density[i] > 0)
-            for (double& along : d_along[i])
-                along /= d_density[i];
-        d_density[i] /= total * cell * cell;
+        for (double* each : { &d_density[i], &d_along[i][0], &d_along[i][1] })
+            *each /= total * cell * cell;
         d_largest = std::max(d_largest, d_density[i]);
     }
 }
@@ -109,15 +107,18 @@ double press_image::density(const pair_of_ends& change) const
 
 press_image::heading press_image::direction(const pair_of_ends& change) const
 {
-    pair_of_ends mean{};
-    for (const auto& [cell, share] : around(change))
+    pair_of_ends sum{};
+    double all = 0;
+    for (const auto& [cell, share] : around(change)) {
+        all += share * d_density[cell];
         for (int e = 0; e < 2; e++)
-            mean[e] += share * d_along[cell][e];
-    const double length2 = mean[0] * mean[0] + mean[1] * mean[1],
-                 variance = -std::log(length2), length = std::sqrt(length2);
+            sum[e] += share * d_along[cell][e];
+    }
+    const double length2 = sum[0] * sum[0] + sum[1] * sum[1],
+                 variance = -std::log(length2 / (all * all)), length = std::sqrt(length2);
     if (!(variance < 1))
         return {};
-    return { { mean[0] / length, mean[1] / length }, std::max(variance, 0.0) };
+    return { { sum[0] / length, sum[1] / length }, std::max(variance, 0.0) };
 }
 
 } // namespace gr::wiforce::kernel

@@ -60,7 +60,7 @@ private:
 
     std::vector<double> d_density;
     double d_largest = 0;
-    std::vector<pair_of_ends> d_along; // shorter where the presses differ
+    std::vector<pair_of_ends> d_along; // directions, by density
 };
 
 } // namespace gr::wiforce::kernel

@@ -470,19 +470,16 @@ void press_filter::look_up(explanation& of) const
 // the image, beside which it goes by the same angle for as long as the press changes.
 press_image::heading press_filter::heading_of(const explanation& of, bool slides) const
 {
+    if (slides)
+        return {};
     auto found = of.press.heading;
-    if (slides) {
-        found.variance = 1;
-        return found;
-    }
     double aside = squared(d_set.aside);
-    if (of.press.steady && !of.press.slides) {
-        const auto& motion = of.press.motion;
+    if (of.press.steady) {
         const auto [x, y] = found.along;
-        const auto velocity = motion.velocity();
+        const auto velocity = of.press.motion.velocity();
         const double turn = of.turn.goes_on ? of.turn.velocity : 0,
                      first = velocity[0] - turn, second = velocity[1] - turn;
-        const auto error = motion.velocity_covariance();
+        const auto error = of.press.motion.velocity_covariance();
         const double along = x * first + y * second, across = x * second - y * first,
                      variance = x * x * error.second + y * y * error.first -
                                 2 * x * y * error.both + found.variance * squared(along),
