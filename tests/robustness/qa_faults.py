@@ -54,10 +54,12 @@ def check(codes, seed, chosen, earliest=0):
     case = f"seed {seed}: {', '.join(fault.__name__ for fault in chosen)}"
     assert reader.failure is None, case
     # Every sample that was received, or is known to be lost, lies in a group that is counted,
-    # but for the last, and for silent ones just before it.
-    lost = reader.fold.samples_lost() + reader.fold.samples_moved()
-    unread = len(stream.codes) + lost - reader.counts.groups * faults.GROUP
-    assert -faults.FRAME < unread < faults.GROUP + stream.silent, case
+    # but for the last, and for silent or misplaced ones just before it.
+    moved = reader.fold.samples_moved()
+    unread = len(stream.codes) + reader.fold.samples_lost() + moved
+    unread -= reader.counts.groups * faults.GROUP
+    misplaced = faults.GROUP if moved else 0
+    assert -faults.FRAME < unread < faults.GROUP + stream.silent + misplaced, case
     assert len(readings) == reader.counts.groups, case
     wrong = [(r.time_s, faults.wrong(r, stream.shift_s)) for r in readings]
     return readings, [f"{case}: at {time:.3f} s {what}" for time, what in wrong if what]
