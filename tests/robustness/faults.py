@@ -46,7 +46,7 @@ class Stream:
     never set; ``losses``: items and the samples lost before them, as a time tag states; ``set``:
     when the clock was set, in s by itself, and by how much; ``shift_s``: by how much the reader's
     time may be off from the truth's; ``earliest``: no fault before this sample; ``silent``: samples
-    of other settings, which no group holds.
+    of other settings, which no group holds; ``cuts``: items where samples are missing or repeated.
     """
 
     codes: np.ndarray
@@ -57,6 +57,7 @@ class Stream:
     set: list = field(default_factory=list)
     shift_s: float = 0.0
     silent: int = 0
+    cuts: list = field(default_factory=list)
 
     def tag(self, item, key, value):
         self.tags.append((int(item), key, value))
@@ -98,6 +99,7 @@ class Stream:
             ]
 
         self.tags, self.times, self.losses = map(moved, (self.tags, self.times, self.losses))
+        self.cuts = [*moved(self.cuts), (start,)]
 
     def scale(self, start, count, factor, offset=0.0):
         """What a complex gain and a constant make of a stretch, clipped as a converter does."""
@@ -330,11 +332,13 @@ def wrong(reading, shift_s):
     if not touched:
         return "touch is invented"
     slope = (PRESS["end_force_n"] - PRESS["force_n"]) / PRESS["hold_s"]
+    ramps = (begin, begin + PRESS["rise_s"], end - PRESS["rise_s"], end)
     expected = PRESS["force_n"] + slope * (reading.time_s - begin - PRESS["rise_s"])
     allowed = max(0.2, 5 * reading.force_std_n) + slope * shift_s
     # Where the time is off, the group may hold a part of the rise, or of the fall.
-    less = expected if shift_s > 0 and untouched else allowed
-    if not -less <= reading.force_n - expected <= allowed:
+    ends = np.interp(reading.time_s + np.array((-half, half)), ramps, (0, 1, 1, 0))
+    held = ends.min() if shift_s > 0 else 1
+    if not held * expected - allowed <= reading.force_n <= expected + allowed:
         return f"force {reading.force_n:.2f} +- {reading.force_std_n:.2f}, true {expected:.2f}"
     if abs(reading.location_mm - PRESS["location_mm"]) > max(1.0, 5 * reading.location_std_mm):
         return f"location {reading.location_mm:.2f} +- {reading.location_std_mm:.2f}"

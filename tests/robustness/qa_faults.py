@@ -58,7 +58,8 @@ def check(codes, seed, chosen, earliest=0):
     moved = reader.fold.samples_moved()
     unread = len(stream.codes) + reader.fold.samples_lost() + moved
     unread -= reader.counts.groups * faults.GROUP
-    misplaced = faults.GROUP if moved else 0
+    late = any(item > len(stream.codes) - 2 * faults.GROUP for (item,) in stream.cuts)
+    misplaced = faults.GROUP if moved and late else 0
     assert -faults.FRAME < unread < faults.GROUP + stream.silent + misplaced, case
     assert len(readings) == reader.counts.groups, case
     wrong = [(r.time_s, faults.wrong(r, stream.shift_s)) for r in readings]
