@@ -151,6 +151,8 @@ struct explanation {
         double seen = 0, hands = 0, moved = 0, watched_s = 0;
         double failed = 0, bursts = 0; // of the tag's supply, and what has hidden it
 
+        //! How fast it turns now, rad/s.
+        double rate() const { return goes_on ? velocity : 0; }
         void begin(std::size_t at_speed, bool near)
         {
             goes_on = true;
@@ -190,6 +192,8 @@ struct explanation {
     average_of_groups mean;
     press_outcome now, last;
 
+    //! What it is, or was before something changed.
+    press_state before_change() const { return is == mixed ? mixture.before : is; }
     pair_of_ends change(const pair_of_ends& phase) const; // against the untouched line
     //! Counted from where everything has turned and grown by this.
     void recount(const pair_of_ends& phase, const pair_of_ends& gain);

@@ -267,11 +267,9 @@ void press_filter::stop_changing(const explanation& from, double probability)
     next->age_s = 0;
     next->press.steady = false;
     drift(*next);
-    double likelihood = next->press.motion.update(d_group.phase, d_noise);
+    const double likelihood = next->press.motion.update(d_group.phase, d_noise);
     next->hold_level();
-    look_up(*next);
-    likelihood += next->press.log_density - from.press.log_density;
-    give(*next, update_strength(*next, likelihood));
+    give(*next, update_strength(*next, likelihood + density_gained(*next, from)));
 }
 
 void press_filter::hold(const explanation& from, double probability)
@@ -317,10 +315,7 @@ void press_filter::change_steadily(const explanation& from,
     next->hold_level();
     if (from.turn.goes_on)
         part_turn(*next, was, direction, aside);
-    // In the end the density of a press that changes is that of a contact with its
-    // phases.
-    look_up(*next);
-    likelihood += next->press.log_density - from.press.log_density;
+    likelihood += density_gained(*next, from);
     if (!slides)
         bend(*next, from.press.heading);
     // How far the tag has turned is hardly known here; what a hand does to amplitudes is.

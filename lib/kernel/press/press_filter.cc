@@ -533,7 +533,7 @@ std::size_t press_filter::fastest_turn() const
 // Or was, before something changed.
 bool press_filter::is_touched(const explanation& of)
 {
-    return (of.is == mixed ? of.mixture.before : of.is) != untouched;
+    return of.before_change() != untouched;
 }
 
 // Of what has this rate, that it happens in the time of a group.

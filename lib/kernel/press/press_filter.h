@@ -170,6 +170,7 @@ private:
     void begin_press(explanation& to) const;
     void reset_strength(explanation& to) const;
     void look_up(explanation& of) const;
+    double density_gained(explanation& to, const explanation& from) const;
     press_image::heading heading_of(const explanation& of, bool slides) const;
     void bend(explanation& to, const press_image::heading& was) const;
     double density(const explanation& of, const pair_of_ends& phase) const;

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <tuple>
 
 namespace gr::wiforce::kernel {
 
@@ -459,11 +458,19 @@ void press_filter::look_up(explanation& of) const
     auto& press = of.press;
     press.heading = {};
     press.log_density = 0;
-    if ((of.is == mixed ? of.mixture.before : of.is) != pressed || !of.line.known)
+    if (of.before_change() != pressed || !of.line.known)
         return;
     const auto phase = press.motion.phase();
     press.heading = d_image->direction(of.change(phase));
     press.log_density = std::log(density(of, phase) + 1e-12);
+}
+
+// What a press that changes gains of the image: in the end its density is that of the
+// phases there, as of a contact.
+double press_filter::density_gained(explanation& to, const explanation& from) const
+{
+    look_up(to);
+    return to.press.log_density - from.press.log_density;
 }
 
 // Of a press that slides, or rolls, any; a force moves both phases in the direction of
@@ -477,8 +484,8 @@ press_image::heading press_filter::heading_of(const explanation& of, bool slides
     if (of.press.steady) {
         const auto [x, y] = found.along;
         const auto velocity = of.press.motion.velocity();
-        const double turn = of.turn.goes_on ? of.turn.velocity : 0,
-                     first = velocity[0] - turn, second = velocity[1] - turn;
+        const double first = velocity[0] - of.turn.rate(),
+                     second = velocity[1] - of.turn.rate();
         const auto error = of.press.motion.velocity_covariance();
         const double along = x * first + y * second, across = x * second - y * first,
                      variance = x * x * error.second + y * y * error.first -
@@ -497,12 +504,12 @@ press_image::heading press_filter::heading_of(const explanation& of, bool slides
 void press_filter::bend(explanation& to, const press_image::heading& was) const
 {
     const auto& is = to.press.heading;
-    const auto& [from, at] = std::tie(was.along, is.along);
+    const auto &from = was.along, &at = is.along;
     const double aside = squared(d_set.aside),
                  known = aside / (aside + was.variance + is.variance),
                  angle = std::atan2(from[0] * at[1] - from[1] * at[0],
                                     from[0] * at[0] + from[1] * at[1]);
-    to.press.motion.bend(known * angle, to.turn.goes_on ? to.turn.velocity : 0);
+    to.press.motion.bend(known * angle, to.turn.rate());
 }
 
 press_filter::outcome press_filter::describe(const explanation& of) const
