@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 #include "explanation.h"
 
+#include "press_terms.h"
+
 #include <algorithm>
 #include <cmath>
 
@@ -222,6 +224,11 @@ void average_of_groups::recount(const pair_of_ends& by, const pair_of_ends& gain
         phase[e] += by[e];
         amplitude[e] += gain[e];
     }
+}
+
+double explanation::tag_turn::deviation() const
+{
+    return age_s == 0 ? turn_speeds[speed] : std::abs(velocity) / 2;
 }
 
 pair_of_ends explanation::change(const pair_of_ends& phase) const

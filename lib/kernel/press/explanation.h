@@ -153,6 +153,8 @@ struct explanation {
 
         //! How fast it turns now, rad/s.
         double rate() const { return goes_on ? velocity : 0; }
+        //! Of the velocity of one that begins, or goes on beside something new, rad/s.
+        double deviation() const;
         void begin(std::size_t at_speed, bool near)
         {
             goes_on = true;
@@ -194,6 +196,7 @@ struct explanation {
 
     //! What it is, or was before something changed.
     press_state before_change() const { return is == mixed ? mixture.before : is; }
+    bool touched() const { return before_change() != untouched; }
     pair_of_ends change(const pair_of_ends& phase) const; // against the untouched line
     //! Counted from where everything has turned and grown by this.
     void recount(const pair_of_ends& phase, const pair_of_ends& gain);

@@ -140,7 +140,7 @@ void press_filter::leave(const explanation& from, double probability, bool cools
     }
     if (next->turn.goes_on) {
         start_motion(*next, true);
-        next->press.motion.move(next->turn.velocity, velocity_deviation(*next));
+        next->press.motion.move(next->turn.velocity, next->turn.deviation());
     }
     give(*next, likelihood);
 }
@@ -160,7 +160,7 @@ void press_filter::touch(const explanation& from,
         next->turn.begin(warm_speed, false);
     begin_press(*next);
     if (next->turn.goes_on)
-        next->press.motion.move(next->turn.velocity, velocity_deviation(*next));
+        next->press.motion.move(next->turn.velocity, next->turn.deviation());
     const double spread = is == pressed ? d_set.contact_np : any_amplitude;
     if (shows_turns(*next)) {
         const double amplitudes = begin_strength(*next, spread);
@@ -336,7 +336,7 @@ void press_filter::turn_and_change(const explanation& from,
     auto turning = from;
     turning.turn.begin(speed, near);
     count_turn(turning, from);
-    change_steadily(turning, probability, from.press.slides, from.press.speed);
+    go_on_changing(turning, probability);
 }
 
 // While the tag turns and the force changes: both phases are moved by the turn alike, and
@@ -403,13 +403,13 @@ press_filter::mixture press_filter::mixture_after(const explanation& from,
                                                   double ends) const
 {
     auto found = from.mixture;
-    found.seen = seen_ratio();
+    found.seen = d_seen.at(d_group.phase);
     found.seen_variance = d_difference_noise / 2;
     found.log_density = 0;
     if (from.is == mixed) {
         found.single = false;
         // Two groups that a press fills in part show the same press.
-        if (from.mixture.single && found.before == untouched && from.line.known) {
+        if (from.mixture.single && found.before == untouched) {
             auto parts = found;
             parts.start = from.mixture.seen;
             const auto line = from.line.ratio();
@@ -421,11 +421,9 @@ press_filter::mixture press_filter::mixture_after(const explanation& from,
                 std::swap(parts.start, parts.seen);
             parts.before = pressed;
             // Where the second lies farther out, the first says so much less where it is.
-            found.log_density = log_sum(
-                std::log(any_share),
-                1.5 * std::log(std::min(first / second, 1.0)) +
-                    chord(
-                        parts, line, untouched, from.line.common.estimate().variance, 0));
+            found.log_density = log_sum(std::log(any_share),
+                                        1.5 * std::log(std::min(first / second, 1.0)) +
+                                            chord_to_line(parts, from, 0));
         }
         return found;
     }
@@ -435,16 +433,12 @@ press_filter::mixture press_filter::mixture_after(const explanation& from,
     found.start = from.is == untouched
                       ? from.line.ratio()
                       : shown_strength(from).at(from.press.motion.phase());
-    if (from.is == untouched && from.line.known)
+    if (from.is == untouched)
         found.log_density = pressed_in_part(found);
     // Where a press ends, it is known what comes after.
     if (ends > 0 && from.line.known)
         found.log_density =
-            log_sum(std::log(ends) + chord(found,
-                                           from.line.ratio(),
-                                           untouched,
-                                           from.line.common.estimate().variance),
-                    std::log1p(-ends));
+            log_sum(std::log(ends) + chord_to_line(found, from), std::log1p(-ends));
     return found;
 }
 

@@ -73,6 +73,15 @@ std::uint64_t kind_of(const explanation& of)
     return kind;
 }
 
+// What the receiver has done in another group too.
+void add_receiver(press_observation& to, const press_observation& other)
+{
+    to.receiver_phase += other.receiver_phase;
+    to.receiver_amplitude += other.receiver_amplitude;
+    to.receiver_variance += other.receiver_variance;
+    to.retuned |= other.retuned;
+}
+
 // What readings cannot tell apart.
 bool reads_alike(const press_outcome& a, const press_outcome& b)
 {
@@ -104,16 +113,8 @@ press_filter::press_filter(std::shared_ptr<const press_image> image,
 
 void press_filter::pass(const press_observation& group)
 {
-    follow_receiver(group);
+    add_receiver(d_passed, group);
     d_silent = true;
-}
-
-void press_filter::follow_receiver(const press_observation& group)
-{
-    d_passed.receiver_phase += group.receiver_phase;
-    d_passed.receiver_amplitude += group.receiver_amplitude;
-    d_passed.receiver_variance += group.receiver_variance;
-    d_passed.retuned |= group.retuned;
 }
 
 void press_filter::take(const press_observation& group)
@@ -150,13 +151,10 @@ void press_filter::observe(const press_observation& group)
     d_first = d_kept.empty();
     d_elapsed_s = d_first ? 0 : group.time_s - d_group.time_s;
     d_lasted_s += d_elapsed_s;
-    follow_receiver(group);
     d_group = group;
-    d_group.receiver_phase = d_passed.receiver_phase;
-    d_group.receiver_amplitude = d_passed.receiver_amplitude;
+    add_receiver(d_group, d_passed);
     d_group.receiver_variance =
-        std::max(d_passed.receiver_variance, least_receiver_variance);
-    d_group.retuned = d_passed.retuned;
+        std::max(d_group.receiver_variance, least_receiver_variance);
     d_passed = {};
     const auto& noise = group.variance;
     const double floor = squared(d_set.phase_deg * deg);
@@ -249,17 +247,15 @@ struct changes {
 } // namespace
 
 // What the tag may do while the press changes: nothing, or turn suddenly, or a hand moves
-// near it; or go on turning, or come to rest. Calls `event` with the tag and with its
-// part of the probability.
+// near it; or go on turning, or come to rest. Calls `event` with the tag and with the
+// probability of that.
 template <class Event>
-void press_filter::with_courses(const explanation& from,
-                                double probability,
-                                Event&& event) const
+void press_filter::with_courses(const explanation& from, Event&& event) const
 {
     const auto course = [&](double share, const auto& changed) {
         auto other = from;
         changed(other);
-        event(other, probability * share);
+        event(other, share);
     };
     if (from.turn.goes_on) {
         const double goes_on = going_on(turn_duration_s(from));
@@ -279,7 +275,7 @@ void press_filter::with_courses(const explanation& from,
         other.line.common.widen(phase);
         other.line.amplitude.mean_variance += amplitude;
     };
-    event(from, probability * (1 - turns - hands));
+    event(from, 1 - turns - hands);
     course(turns, [&](explanation& other) {
         other.turn.sudden = true;
         widen(other, sudden_turn_variance(), squared(d_set.turn_np));
@@ -310,10 +306,9 @@ void press_filter::branch_untouched(const explanation& from)
     turn_suddenly(from, between * turns);
     touch(from, between * may.unexplained, unexplained);
     move_line(from, between * moves);
-    with_courses(
-        from, between * may.press, [&](const explanation& tag, double probability) {
-            press(tag, probability);
-        });
+    with_courses(from, [&](const explanation& tag, double share) {
+        press(tag, between * may.press * share);
+    });
     mix(from, (1 - between) * sudden);
 }
 
@@ -333,15 +328,11 @@ void press_filter::branch_touched(const explanation& from)
     const double begins = may.steadily / std::max(quiet, may.steadily);
     if (from.turn.goes_on && from.press.steady) {
         // Both go on, or one of them ends, or both.
-        change_steadily(
-            from, quiet * turns_on * changes_on, from.press.slides, from.press.speed);
+        go_on_changing(from, quiet * turns_on * changes_on);
         auto resting = from, held = from;
         resting.turn.goes_on = false;
         resting.press.motion.push(-from.turn.velocity);
-        change_steadily(resting,
-                        quiet * (1 - turns_on) * changes_on,
-                        from.press.slides,
-                        from.press.speed);
+        go_on_changing(resting, quiet * (1 - turns_on) * changes_on);
         held.press.steady = false;
         held.press.motion.move(from.turn.velocity, turning_speed(from.turn.speed));
         held.mean.weight = {};
@@ -359,10 +350,7 @@ void press_filter::branch_touched(const explanation& from)
             from, change_speed_of_turn(from, quiet * (1 - turns_on)), course::ends);
         begin_changing(from, quiet * turns_on * begins);
     } else if (from.press.steady) {
-        change_steadily(from,
-                        quiet * changes_on * (1 - turns - hands),
-                        from.press.slides,
-                        from.press.speed);
+        go_on_changing(from, quiet * changes_on * (1 - turns - hands));
         begin_turning(from, quiet * changes_on * turns, quiet * changes_on * hands);
         stop_changing(from, change_speed_of_press(from, quiet * (1 - changes_on)));
     } else {
@@ -375,10 +363,9 @@ void press_filter::branch_touched(const explanation& from)
     touch(from, between * may.unexplained, unexplained);
     move_line(from, between * moves);
     move_beside_press(from, between * moves);
-    const double ends = may.release + may.exchange;
-    with_courses(from, between * ends, [&](const explanation& tag, double probability) {
-        release(tag, probability * may.release / ends);
-        exchange(tag, probability * may.exchange / ends);
+    with_courses(from, [&](const explanation& tag, double share) {
+        release(tag, between * may.release * share);
+        exchange(tag, between * may.exchange * share);
     });
     mix(from, (1 - between) * sudden, may.release / sudden);
 }
@@ -386,7 +373,7 @@ void press_filter::branch_touched(const explanation& from)
 void press_filter::branch_mixed(const explanation& from)
 {
     const changes may(from.mixture.age_s, d_elapsed_s, 1, d_set);
-    const bool touched = is_touched(from);
+    const bool touched = from.touched();
     const double turns = turn_probability(from, d_elapsed_s),
                  moves = move_probability(from), bursts = burst_probability(from);
     // The change lasts, or another one follows it at once.
@@ -402,8 +389,10 @@ void press_filter::branch_mixed(const explanation& from)
     const auto& mixture = from.mixture;
     const double known = single ? mixture.log_density : 0;
     const double to_this =
-        single ? chord(mixture, seen_ratio(), pressed, d_difference_noise / 2) - known
-               : 0;
+        single
+            ? chord(mixture, d_seen.at(d_group.phase), pressed, d_difference_noise / 2) -
+                  known
+            : 0;
     auto next = from;
     next.is = from.mixture.before;
     next.age_s = from.mixture.age_s;
@@ -422,17 +411,13 @@ void press_filter::branch_mixed(const explanation& from)
     else if (!touched)
         remain_untouched(next, bursts / all);
     else if (next.press.steady)
-        change_steadily(next, bursts / all, next.press.slides, next.press.speed);
+        go_on_changing(next, bursts / all);
     else
         hold(next, bursts / all);
-    with_courses(from, 1, [&](const explanation& tag, double share) {
+    with_courses(from, [&](const explanation& tag, double share) {
         const double to_untouched = single && !touched ? 0
                                     : single && tag.line.known && !tag.turn.sudden
-                                        ? chord(mixture,
-                                                tag.line.ratio(),
-                                                untouched,
-                                                tag.line.common.estimate().variance) -
-                                              known
+                                        ? chord_to_line(mixture, tag) - known
                                         : to_this;
         next = tag;
         next.is = from.mixture.before;
@@ -448,7 +433,7 @@ void press_filter::branch_mixed(const explanation& from)
 void press_filter::begin_turning(const explanation& from, double turns, double hands)
 {
     const auto begin = [&](double probability, std::size_t speed, bool near) {
-        if (from.is != untouched && from.press.steady)
+        if (from.press.steady)
             turn_and_change(from, probability, speed, near);
         else
             turn_slowly(from, probability, course::begins, speed, near);
@@ -530,12 +515,6 @@ std::size_t press_filter::fastest_turn() const
     return fast ? fast_turn : fast_turn - 1;
 }
 
-// Or was, before something changed.
-bool press_filter::is_touched(const explanation& of)
-{
-    return of.before_change() != untouched;
-}
-
 // Of what has this rate, that it happens in the time of a group.
 double press_filter::happens(double rate) const { return happens(rate, d_elapsed_s); }
 
@@ -594,7 +573,8 @@ double press_filter::learned(double per_s, double seen, double time_s) const
 // Of a sudden change that began at any time in a group, that the group ends before it.
 double press_filter::lasting() const
 {
-    return part_of_decay(d_elapsed_s / d_set.change_s);
+    const double changes = d_elapsed_s / d_set.change_s;
+    return -std::expm1(-changes) / changes;
 }
 
 // Of a sudden change, that it is not seen inside a group: it happened at its begin, or
@@ -624,13 +604,6 @@ double press_filter::turn_duration_s(const explanation& of) const
     return of.turn.speed == warm_speed  ? warm_s
            : of.turn.speed == fast_turn ? d_set.change_s
                                         : d_set.steady_s;
-}
-
-// Of the velocity of a turn that begins, or goes on beside something new, rad/s.
-double press_filter::velocity_deviation(const explanation& of)
-{
-    const auto& turn = of.turn;
-    return turn.age_s == 0 ? turn_speeds[turn.speed] : std::abs(turn.velocity) / 2;
 }
 
 // That what goes on for this time on average does so through the group.
@@ -734,7 +707,7 @@ double press_filter::loss_of_merging(const explanation& a,
     }
     if (loss.nats() > most)
         return INFINITY;
-    if (is_touched(a) || a.turn.goes_on) {
+    if (a.touched() || a.turn.goes_on) {
         const auto x = a.press.motion.means(), y = b.press.motion.means(),
                    u = a.press.motion.variances(), v = b.press.motion.variances();
         compare(wrapped(y[0] - x[0]), u[0], v[0], d_common_noise);

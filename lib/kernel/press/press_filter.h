@@ -8,6 +8,7 @@
 #include "press_parameters.h"
 
 #include <array>
+#include <cmath>
 #include <complex>
 #include <cstdint>
 #include <memory>
@@ -63,7 +64,6 @@ private:
     // press_filter.cc: what may follow, and what is kept of it.
     void start(const press_observation& group);
     void observe(const press_observation& group);
-    void follow_receiver(const press_observation& group);
     void predict(explanation& from);
     void suppose_untouched(double probability);
     void branch(const explanation& from);
@@ -77,8 +77,7 @@ private:
     double change_speed_of_turn(const explanation& from, double probability);
     std::size_t fastest_turn() const;
     template <class Event>
-    void with_courses(const explanation& from, double probability, Event&& event) const;
-    static bool is_touched(const explanation& of);
+    void with_courses(const explanation& from, Event&& event) const;
     double happens(double rate) const;
     static double happens(double rate, double seconds);
     double learned(double per_s, double seen, double time_s) const;
@@ -92,7 +91,6 @@ private:
     double going_on(double mean_s) const;
     double duration_s(std::size_t speed) const;
     double turn_duration_s(const explanation& of) const;
-    static double velocity_deviation(const explanation& of);
     double lasting() const;
     double between_groups() const;
     void settle();
@@ -110,6 +108,10 @@ private:
                          double probability,
                          bool slides,
                          std::size_t speed);
+    void go_on_changing(const explanation& from, double probability)
+    {
+        change_steadily(from, probability, from.press.slides, from.press.speed);
+    }
     void stop_changing(const explanation& from, double probability);
     void release(const explanation& from, double probability);
     void leave(const explanation& from, double probability, bool cools);
@@ -150,11 +152,8 @@ private:
     double phase_peak(const phase_covariance& by) const;
     bool may_count(const explanation& next, double log_phases) const;
     double least_phases(const explanation& next) const;
-    explanation* follow(const explanation& from, double probability, double phase_peak);
-    explanation* follow(const explanation& from, double probability)
-    {
-        return follow(from, probability, d_peak);
-    }
+    explanation*
+    follow(const explanation& from, double probability, double phase_peak = INFINITY);
     void give(explanation& next, double log_likelihood, bool lasts = false);
     void average(explanation& to, bool lasts) const;
     double step_probability() const;
@@ -199,8 +198,9 @@ private:
                         state after,
                         double variance,
                         double any = any_share);
+    static double
+    chord_to_line(const mixture& seen, const explanation& of, double any = any_share);
     double pressed_in_part(const mixture& from) const;
-    both_ends seen_ratio() const;
     outcome describe(const explanation& of) const;
 
     std::shared_ptr<const press_image> d_image;

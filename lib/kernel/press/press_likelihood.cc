@@ -49,7 +49,7 @@ explanation*
 press_filter::follow(const explanation& from, double probability, double phase_peak)
 {
     const double log_probability = std::log(probability);
-    if (!may_count(from, log_probability + phase_peak))
+    if (!may_count(from, log_probability + std::min(phase_peak, d_peak)))
         return nullptr;
     auto& next = d_next.emplace_back(from);
     next.log_weight += log_probability;
@@ -130,7 +130,7 @@ void press_filter::step_receiver(explanation& to) const
 // or in the one before, which it has made a mixed one.
 void press_filter::step_level(const explanation& from)
 {
-    const auto was = is_touched(from) ? shown_strength(from) : from.line.amplitude;
+    const auto was = from.touched() ? shown_strength(from) : from.line.amplitude;
     const double by = d_seen.mean - was.mean,
                  variance = was.mean_variance + d_seen.mean_variance;
     if (squared(by) <= variance) // no step is as likely as none
@@ -250,8 +250,8 @@ double press_filter::update_mean(explanation& of, both_amplitudes& own, double s
 pair_of_ends press_filter::caused_by_off(const explanation& of,
                                          const pair_of_ends& phase) const
 {
-    return is_touched(of) && of.line.known ? d_off.amplitude(of.change(phase))
-                                           : pair_of_ends{};
+    return of.touched() && of.line.known ? d_off.amplitude(of.change(phase))
+                                         : pair_of_ends{};
 }
 
 // Whether the amplitudes show how far both ends have turned.
@@ -422,6 +422,13 @@ double press_filter::chord(
     return std::log(on * area * std::exp(-log_any_mixture) + any);
 }
 
+// Where what comes after is the untouched line.
+double press_filter::chord_to_line(const mixture& from, const explanation& of, double any)
+{
+    return chord(
+        from, of.line.ratio(), untouched, of.line.common.estimate().variance, any);
+}
+
 // Log density, over that of any mixture, of a press for a part of a group that was
 // untouched before: z = 1 - s + s e^{j phi} at both ends, so that each shows its share s
 // and phi of the press.
@@ -449,8 +456,6 @@ double press_filter::pressed_in_part(const mixture& from) const
                         log_normal(share[0] - share[1], variance) - log_any_mixture;
     return log_sum(std::log1p(-any_share) + here, std::log(any_share));
 }
-
-both_ends press_filter::seen_ratio() const { return d_seen.at(d_group.phase); }
 
 // Density of the image where a press is, and the direction in which more force moves it.
 void press_filter::look_up(explanation& of) const

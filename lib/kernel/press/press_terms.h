@@ -62,9 +62,6 @@ inline double log_sum(double a, double b)
     return a > b ? a + std::log1p(std::exp(b - a)) : b + std::log1p(std::exp(a - b));
 }
 
-// Mean of exp(-t) for t up to x.
-inline double part_of_decay(double x) { return x > 1e-9 ? -std::expm1(-x) / x : 1; }
-
 inline double squared(double x) { return x * x; }
 
 // Log densities of phases, and of phases and amplitudes, that may be anything.
