@@ -28,21 +28,15 @@ constexpr double least_share = 1e-100;
 
 } // namespace
 
-drift_bank drift_bank::learning(double scale)
+drift_bank::drift_bank(double scale, double stated) : d_scale(scale)
 {
-    drift_bank bank;
-    bank.d_count = most_rates;
-    bank.d_scale = scale;
-    bank.d_weight.fill(1.0 / most_rates);
-    return bank;
-}
-
-drift_bank drift_bank::stated(double rate)
-{
-    drift_bank bank;
-    bank.d_scale = rate / rates[0];
-    bank.d_usual_rate = rate;
-    return bank;
+    if (stated >= 0) {
+        d_usual_rate = scale * stated;
+        d_scale = d_usual_rate / rates[0];
+    } else {
+        d_count = most_rates;
+        d_weight.fill(1.0 / most_rates);
+    }
 }
 
 void drift_bank::reset(double phase, double variance)
@@ -78,15 +72,16 @@ void drift_bank::narrow(double ratio)
     summarize();
 }
 
-double drift_bank::with() const
+// By the weights of the rates, which add up to one.
+double drift_bank::mean_of(const std::array<double, most_rates>& each) const
 {
-    double total = 0, sum = 0;
-    for (std::size_t i = 0; i < d_count; i++) {
-        total += d_weight[i];
-        sum += d_weight[i] * d_with[i];
-    }
-    return sum / total;
+    double sum = 0;
+    for (std::size_t i = 0; i < d_count; i++)
+        sum += d_weight[i] * each[i];
+    return sum;
 }
+
+double drift_bank::with() const { return mean_of(d_with); }
 
 void drift_bank::tie(double variance)
 {
@@ -136,19 +131,19 @@ drift_bank::correction drift_bank::correct(std::size_t rate,
              errors / beside.variance };
 }
 
-double drift_bank::carry(
-    drift_bank& other, double phase, double noise, double memory, const companion& beside)
+double drift_bank::carry(drift_bank& other, const observation& seen, double memory)
 {
     const double was = other.d_estimate.mean;
     for (std::size_t i = 0; i < d_count; i++) {
-        const auto own = correct(i, wrapped(phase - d_mean[i]), noise, beside);
+        const auto own =
+            correct(i, wrapped(seen.phase - d_mean[i]), seen.noise, seen.beside);
         const double others = d_with[i] / own.variance;
         other.d_mean[i] += others * own.off;
         other.d_variance[i] =
             std::max(other.d_variance[i] - others * d_with[i], least_variance);
         d_with[i] -= own.gain * d_with[i];
     }
-    const double likelihood = update(phase, noise, memory, beside);
+    const double likelihood = update(seen, memory);
     other.d_weight = d_weight;
     other.summarize();
     d_carried += other.d_estimate.mean - was;
@@ -158,9 +153,9 @@ double drift_bank::carry(
     return likelihood;
 }
 
-double drift_bank::update(
-    double phase, double noise, double memory, const companion& beside, double lowest)
+double drift_bank::update(const observation& seen, double memory, double lowest)
 {
+    const auto& [phase, noise, beside] = seen;
     double least = 1e300, after = 0, kept = 0;
     std::array<double, most_rates> square, relative;
     // The means lie close together, so that one of them says how often to wrap.
@@ -197,28 +192,19 @@ double drift_bank::update(
 
 void drift_bank::summarize()
 {
-    double total = 0, first = 0, second = 0;
+    double first = 0, second = 0;
     for (std::size_t i = 0; i < d_count; i++) {
-        const double weight = d_weight[i], off = d_mean[i] - d_mean[0];
-        total += weight;
-        first += weight * off;
-        second += weight * (d_variance[i] + off * off);
+        const double off = d_mean[i] - d_mean[0];
+        first += d_weight[i] * off;
+        second += d_weight[i] * (d_variance[i] + off * off);
     }
-    first /= total;
-    d_estimate = { d_mean[0] + first,
-                   std::max(second / total - first * first, least_variance) };
+    d_estimate = { d_mean[0] + first, std::max(second - first * first, least_variance) };
 }
 
 void drift_bank::find_usual_rate()
 {
-    if (d_count == 1)
-        return;
-    double total = 0, sum = 0;
-    for (std::size_t i = 0; i < d_count; i++) {
-        total += d_weight[i];
-        sum += d_weight[i] * log_rates[i];
-    }
-    d_usual_rate = d_scale * std::exp(sum / total);
+    if (d_count > 1)
+        d_usual_rate = d_scale * std::exp(mean_of(log_rates));
 }
 
 } // namespace gr::wiforce::kernel

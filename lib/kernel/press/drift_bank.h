@@ -29,12 +29,16 @@ public:
         double off, variance, errors, noise;
         bool known;
     };
+    //! A phase that is seen, its noise, and what is seen beside it.
+    struct observation {
+        double phase, noise;
+        companion beside;
+    };
 
     drift_bank() = default; // does not drift
-    //! At the rates of the filter, or at the only one that is stated (rad per sqrt(s)),
-    //! times `scale`.
-    static drift_bank learning(double scale);
-    static drift_bank stated(double rate);
+    //! At the rates of the filter, or at the only one that is stated (rad per sqrt(s),
+    //! negative to learn it), times `scale`.
+    drift_bank(double scale, double stated);
 
     //! Begins at a phase; what is known of the rate stays.
     void reset(double phase, double variance);
@@ -48,20 +52,12 @@ public:
     void predict(double seconds);
     //! Takes a phase; gives the log density that was expected of it. `memory` is the part
     //! of the evidence for the rates that is kept. What is below `lowest` is of no use.
-    double update(double phase,
-                  double noise,
-                  double memory,
-                  const companion& beside,
-                  double lowest = -INFINITY);
+    double update(const observation& seen, double memory, double lowest = -INFINITY);
 
     //! Likewise, where this phase is that of another which drifts, and of something that
     //! drifts beside it: half of what this one drifts is the other's. The share may be
     //! anything (arcsine law, variance 1 / 8), which is the other's doubt.
-    double carry(drift_bank& other,
-                 double phase,
-                 double noise,
-                 double memory,
-                 const companion& beside);
+    double carry(drift_bank& other, const observation& seen, double memory);
 
     //! A share of what another says, and the rest of what it says itself, in one.
     void merge(const drift_bank& other, double share);
@@ -78,6 +74,7 @@ private:
     };
     correction
     correct(std::size_t rate, double off, double noise, const companion& beside) const;
+    double mean_of(const std::array<double, most_rates>& each) const;
     void find_usual_rate();
     void summarize(); // after each change: many explanations share what did not change
 

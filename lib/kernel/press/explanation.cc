@@ -10,18 +10,6 @@ namespace gr::wiforce::kernel {
 
 namespace {
 
-double of_mean(const phase_covariance& each)
-{
-    return (each.first + each.second + 2 * each.both) / 4;
-}
-
-double of_difference(const phase_covariance& each)
-{
-    return each.first + each.second - 2 * each.both;
-}
-
-double of_both(const phase_covariance& each) { return (each.first - each.second) / 2; }
-
 // Mean and difference of both phases, without wrapping.
 pair_of_ends mean_and_difference(const pair_of_ends& phase)
 {
@@ -68,9 +56,9 @@ phase_covariance drifting_phases::covariance() const
 void drifting_phases::reset(const pair_of_ends& phase, const phase_covariance& covariance)
 {
     const auto [mean, apart] = mean_and_difference(phase);
-    common.reset(mean, of_mean(covariance));
-    difference.reset(apart, of_difference(covariance));
-    both = of_both(covariance);
+    common.reset(mean, covariance.of_mean());
+    difference.reset(apart, covariance.of_difference());
+    both = covariance.of_both();
 }
 
 void drifting_phases::turn(const pair_of_ends& by)
@@ -82,9 +70,9 @@ void drifting_phases::turn(const pair_of_ends& by)
 
 void drifting_phases::widen(const phase_covariance& by, double times)
 {
-    common.widen(times * of_mean(by));
-    difference.widen(times * of_difference(by));
-    both += times * of_both(by);
+    common.widen(times * by.of_mean());
+    difference.widen(times * by.of_difference());
+    both += times * by.of_both();
 }
 
 phase_covariance drifting_phases::with() const
@@ -94,8 +82,8 @@ phase_covariance drifting_phases::with() const
 
 void drifting_phases::tie(const phase_covariance& by)
 {
-    common.tie(of_mean(by));
-    difference.tie(of_difference(by));
+    common.tie(by.of_mean());
+    difference.tie(by.of_difference());
 }
 
 void drifting_phases::predict(double seconds)
@@ -125,17 +113,15 @@ drifting_phases::seen_phases drifting_phases::beside(const pair_of_ends& phase,
     const auto mean = common.estimate(), apart = difference.estimate();
     const double off = wrapped(phase[0] - phase[1] - apart.mean),
                  seen_mean = phase[1] + (apart.mean + off) / 2,
-                 mean_noise = of_mean(noise), difference_noise = of_difference(noise),
-                 noises = of_both(noise), mean_all = mean.variance + mean_noise,
+                 mean_noise = noise.of_mean(), difference_noise = noise.of_difference(),
+                 noises = noise.of_both(), mean_all = mean.variance + mean_noise,
                  difference_all = apart.variance + difference_noise, errors = of_errors(),
                  shared = errors + noises,
                  of_all = mean_all * difference_all - shared * shared;
-    return { seen_mean,
-             mean_noise,
-             apart.mean + off,
-             difference_noise,
-             { off, difference_all, errors, noises, true },
-             { wrapped(seen_mean - mean.mean), mean_all, errors, noises, false },
+    return { { seen_mean, mean_noise, { off, difference_all, errors, noises, true } },
+             { apart.mean + off,
+               difference_noise,
+               { wrapped(seen_mean - mean.mean), mean_all, errors, noises, false } },
              errors - ((mean.variance * difference_all - errors * shared) * errors +
                        (errors * mean_all - mean.variance * shared) * apart.variance) /
                           of_all };
@@ -148,15 +134,11 @@ double drifting_phases::update(const pair_of_ends& phase,
 {
     const auto seen = beside(phase, noise);
     both = seen.both;
-    const double most = log_normal(0, seen.difference_noise),
-                 likelihood = common.update(
-                     seen.mean, seen.mean_noise, memory, seen.of_mean, lowest - most);
+    const double most = log_normal(0, seen.difference.noise),
+                 likelihood = common.update(seen.mean, memory, lowest - most);
     return likelihood < lowest - most
                ? lowest
-               : likelihood + difference.update(seen.difference,
-                                                seen.difference_noise,
-                                                memory,
-                                                seen.of_difference);
+               : likelihood + difference.update(seen.difference, memory);
 }
 
 double drifting_phases::carry(drifting_phases& line,
@@ -166,12 +148,8 @@ double drifting_phases::carry(drifting_phases& line,
 {
     const auto seen = beside(phase, noise);
     both = seen.both;
-    return common.carry(line.common, seen.mean, seen.mean_noise, memory, seen.of_mean) +
-           difference.carry(line.difference,
-                            seen.difference,
-                            seen.difference_noise,
-                            memory,
-                            seen.of_difference);
+    return common.carry(line.common, seen.mean, memory) +
+           difference.carry(line.difference, seen.difference, memory);
 }
 
 void drifting_phases::merge(const drifting_phases& other, double share)
@@ -304,14 +282,15 @@ void explanation::merge(const explanation& other, double share)
     press.motion.merge(other.press.motion, share);
     press.strength.merge(other.press.strength, share);
     mean(age_s, other.age_s);
-    mean(turn.velocity, other.turn.velocity);
-    mean(turn.age_s, other.turn.age_s);
-    mean(turn.seen, other.turn.seen);
-    mean(turn.hands, other.turn.hands);
-    mean(turn.moved, other.turn.moved);
-    mean(turn.failed, other.turn.failed);
-    mean(turn.bursts, other.turn.bursts);
-    mean(turn.watched_s, other.turn.watched_s);
+    for (auto part : { &tag_turn::velocity,
+                       &tag_turn::age_s,
+                       &tag_turn::seen,
+                       &tag_turn::hands,
+                       &tag_turn::moved,
+                       &tag_turn::failed,
+                       &tag_turn::bursts,
+                       &tag_turn::watched_s })
+        mean(turn.*part, other.turn.*part);
     mean(mixture.age_s, other.mixture.age_s);
     mixture.log_density = -std::log((1 - share) * std::exp(-mixture.log_density) +
                                     share * std::exp(-other.mixture.log_density));

@@ -91,8 +91,7 @@ struct drifting_phases {
 
 private:
     struct seen_phases {
-        double mean, mean_noise, difference, difference_noise;
-        drift_bank::companion of_mean, of_difference;
+        drift_bank::observation mean, difference;
         double both; // covariance of the errors afterwards
     };
     seen_phases beside(const pair_of_ends& phase, const phase_covariance& noise) const;

@@ -34,12 +34,12 @@ void phase_motion::hold(const pair_of_ends& phase, const phase_covariance& covar
     *this = held;
 }
 
-void phase_motion::widen(const phase_covariance& by)
+void phase_motion::add(const phase_covariance& by, int at)
 {
-    d_covariance[0][0] += by.first;
-    d_covariance[1][1] += by.second;
-    d_covariance[0][1] += by.both;
-    d_covariance[1][0] += by.both;
+    d_covariance[at][at] += by.first;
+    d_covariance[at + 1][at + 1] += by.second;
+    d_covariance[at][at + 1] += by.both;
+    d_covariance[at + 1][at] += by.both;
 }
 
 void phase_motion::move(double velocity, double deviation)
@@ -51,14 +51,6 @@ void phase_motion::move(double velocity, double deviation)
         for (int j = 2; j < 4; j++)
             d_covariance[i][j] = deviation * deviation;
     }
-}
-
-void phase_motion::widen_velocity(const phase_covariance& by)
-{
-    d_covariance[2][2] += by.first;
-    d_covariance[3][3] += by.second;
-    d_covariance[2][3] += by.both;
-    d_covariance[3][2] += by.both;
 }
 
 void phase_motion::bend(double angle, double common)
@@ -124,14 +116,11 @@ std::array<double, 4> phase_motion::means() const
 
 std::array<double, 4> phase_motion::variances() const
 {
-    std::array<double, 4> found;
-    for (int i = 0; i < 4; i += 2) {
-        const auto& own = d_covariance;
-        const double each = own[i][i] + own[i + 1][i + 1], both = 2 * own[i][i + 1];
-        found[i] = (each + both) / 4;
-        found[i + 1] = each - both;
-    }
-    return found;
+    const auto phases = covariance(), velocities = velocity_covariance();
+    return { phases.of_mean(),
+             phases.of_difference(),
+             velocities.of_mean(),
+             velocities.of_difference() };
 }
 
 double phase_motion::update(const pair_of_ends& phase, const phase_covariance& noise)

@@ -24,6 +24,11 @@ mix_moments(double& mean, double& variance, double apart, double others, double 
 //! Covariance of both phases, rad^2.
 struct phase_covariance {
     double first = 0, second = 0, both = 0;
+
+    //! Variances of the mean of both and of their difference, and covariance of these.
+    double of_mean() const { return (first + second + 2 * both) / 4; }
+    double of_difference() const { return first + second - 2 * both; }
+    double of_both() const { return (first - second) / 2; }
 };
 
 //! Of variances along a unit vector and across it.
@@ -53,12 +58,12 @@ public:
     //! Stays where it is now.
     void rest() { hold(phase(), covariance()); }
     void turn(const pair_of_ends& by) { d_state[0] += by[0], d_state[1] += by[1]; }
-    void widen(const phase_covariance& by);
+    void widen(const phase_covariance& by) { add(by, 0); }
     //! Both phases turn, at this velocity with this deviation.
     void move(double velocity, double deviation);
     //! Both velocities change by this.
     void push(double by) { d_state[2] += by, d_state[3] += by; }
-    void widen_velocity(const phase_covariance& by);
+    void widen_velocity(const phase_covariance& by) { add(by, 2); }
     pair_of_ends velocity() const { return { d_state[2], d_state[3] }; }
     phase_covariance velocity_covariance() const
     {
@@ -79,6 +84,8 @@ public:
     double update(const pair_of_ends& phase, const phase_covariance& noise);
 
 private:
+    void add(const phase_covariance& by, int at);
+
     double d_state[4] = {}; // phases, velocities
     double d_covariance[4][4] = {};
 };

@@ -131,9 +131,8 @@ void press_filter::leave(const explanation& from, double probability, bool cools
     else {
         // Now it is seen from where the press before looked as it did.
         const auto was = from.press.motion.phase();
-        likelihood = std::log(d_image->density({ was[0] - d_group.phase[0],
-                                                 was[1] - d_group.phase[1] }) +
-                              1e-12) +
+        likelihood = log_density(d_image->density({ was[0] - d_group.phase[0],
+                                                    was[1] - d_group.phase[1] })) +
                      find_strength(*next, any_amplitude);
         reset_baseline(*next);
         next->line.known = true;
@@ -353,11 +352,9 @@ void press_filter::part_turn(explanation& to,
     const double by_turn = squared(turning_speed(to.turn.speed) * d_elapsed_s),
                  by_force = squared(speeds[to.press.speed] * d_elapsed_s),
                  noise = d_noise.first / 100;
-    const double across = aside * by_force;
-    const double x = direction[0], y = direction[1];
-    const double a = by_force * x * x + across * y * y + by_turn + noise,
-                 b = by_force * y * y + across * x * x + by_turn + noise,
-                 ab = (by_force - across) * x * y + by_turn;
+    const auto force = covariance_along(direction, by_force, aside * by_force);
+    const double a = force.first + by_turn + noise, b = force.second + by_turn + noise,
+                 ab = force.both + by_turn;
     const double determinant = a * b - ab * ab;
     const double turned = by_turn * ((b - ab) * first + (a - ab) * second) / determinant,
                  doubt = by_turn - squared(by_turn) * (a + b - 2 * ab) / determinant;

@@ -107,7 +107,8 @@ press_filter::press_filter(std::shared_ptr<const press_image> image,
       d_set(settings),
       d_off(off),
       d_off_differ(off.differ(settings.contact_np)),
-      d_negligible(std::log(std::min(settings.rarest * settings.period_s, least_weight)))
+      d_negligible(std::log(std::min(settings.rarest * settings.period_s, least_weight))),
+      d_contact_peak(std::max(log_any_phases, log_density(d_image->largest_density())))
 {
 }
 
@@ -161,8 +162,8 @@ void press_filter::observe(const press_observation& group)
     d_noise = { noise[0] + floor + group.common_variance,
                 noise[1] + floor + group.common_variance,
                 group.common_variance };
-    d_difference_noise = noise[0] + noise[1] + 2 * floor;
-    d_common_noise = d_difference_noise / 4 + group.common_variance;
+    d_difference_noise = d_noise.of_difference();
+    d_common_noise = d_noise.of_mean();
     const double each = (noise[0] + noise[1]) / 4 + squared(d_set.amplitude_np) / 2;
     d_seen = { 0, 0, each, 4 * each };
     d_seen.grow(group.amplitude);
@@ -193,14 +194,10 @@ void press_filter::predict(explanation& from)
 void press_filter::start(const press_observation& group)
 {
     const double rate = d_set.drift_deg * deg;
-    const bool stated = d_set.drift_deg >= 0;
-    // Both ends drift by themselves: their mean by less, their difference by more.
-    const double mean = std::sqrt(0.5), apart = std::sqrt(2.0);
     auto& first = d_next.emplace_back();
-    first.line.common =
-        stated ? drift_bank::stated(rate * mean) : drift_bank::learning(mean);
-    first.line.difference =
-        stated ? drift_bank::stated(rate * apart) : drift_bank::learning(apart);
+    // Both ends drift by themselves: their mean by less, their difference by more.
+    first.line.common = drift_bank(std::sqrt(0.5), rate);
+    first.line.difference = drift_bank(std::sqrt(2.0), rate);
     reset_baseline(first);
     const double sure = group.untouched > 0 ? group.untouched : 0.5;
     first.log_weight = std::log(sure);
@@ -227,24 +224,40 @@ void press_filter::branch(const explanation& from)
         branch_touched(from);
 }
 
-namespace {
+press_filter::chances press_filter::chances_of(const explanation& from) const
+{
+    const bool touched = from.touched();
+    const double age_s = from.is == mixed ? from.mixture.age_s : from.age_s,
+                 doubt = from.is == untouched ? 1 - d_group.untouched : 1;
+    chances may;
+    may.all = doubt * d_elapsed_s / (age_s + d_set.settling_s);
+    may.unexplained = d_set.unexplained * may.all;
+    may.press = may.all - may.unexplained;
+    may.release = d_set.release * may.all;
+    may.exchange = d_set.exchange * may.all;
+    may.steadily = touched ? std::max(may.press - may.release - may.exchange, 0.0) : 0;
+    may.turns = turn_probability(from, d_elapsed_s);
+    may.hands = hand_probability(from, d_elapsed_s);
+    may.moves = move_probability(from);
+    may.bursts = burst_probability(from);
+    may.sudden =
+        may.all - may.steadily + may.turns + (touched ? 2 : 1) * may.moves + may.bursts;
+    may.quiet = std::max(1 - may.sudden, 1e-3);
+    return may;
+}
 
-// Probabilities of the changes of a state of this age, in the time of a group.
-struct changes {
-    double all, unexplained, press, release, exchange, steadily;
-
-    changes(double age_s, double elapsed_s, double doubt, const press_parameters& set)
-    {
-        all = doubt * elapsed_s / (age_s + set.settling_s);
-        unexplained = set.unexplained * all;
-        press = all - unexplained;
-        release = set.release * all;
-        exchange = set.exchange * all;
-        steadily = std::max(all - release - exchange - unexplained, 0.0);
-    }
-};
-
-} // namespace
+// By what changes suddenly, beside the contact that the model contains, and hides
+// nothing.
+void press_filter::change_suddenly(const explanation& from,
+                                   const chances& may,
+                                   double share)
+{
+    turn_suddenly(from, share * may.turns);
+    touch(from, share * may.unexplained, unexplained);
+    move_line(from, share * may.moves);
+    if (from.touched())
+        move_beside_press(from, share * may.moves);
+}
 
 // What the tag may do while the press changes: nothing, or turn suddenly, or a hand moves
 // near it; or go on turning, or come to rest. Calls `event` with the tag and with the
@@ -288,105 +301,84 @@ void press_filter::with_courses(const explanation& from, Event&& event) const
 
 void press_filter::branch_untouched(const explanation& from)
 {
-    const changes may(from.age_s, d_elapsed_s, 1 - d_group.untouched, d_set);
-    const double turns = turn_probability(from, d_elapsed_s),
-                 moves = move_probability(from),
-                 hands = hand_probability(from, d_elapsed_s),
-                 goes_on = going_on(turn_duration_s(from)), between = between_groups();
-    const double sudden = may.all + turns + moves + burst_probability(from);
-    const double quiet = std::max(1 - sudden, 1e-3);
+    const auto may = chances_of(from);
+    const double goes_on = going_on(turn_duration_s(from)), between = between_groups();
     if (from.turn.goes_on) {
-        turn_slowly(from, quiet * goes_on, course::goes_on);
+        turn_slowly(from, may.quiet * goes_on, course::goes_on);
         turn_slowly(
-            from, change_speed_of_turn(from, quiet * (1 - goes_on)), course::ends);
+            from, change_speed_of_turn(from, may.quiet * (1 - goes_on)), course::ends);
     } else {
-        remain_untouched(from, quiet * (1 - turns - hands));
-        begin_turning(from, quiet * turns, quiet * hands);
+        remain_untouched(from, may.quiet * (1 - may.turns - may.hands));
+        begin_turning(from, may, may.quiet);
     }
-    turn_suddenly(from, between * turns);
-    touch(from, between * may.unexplained, unexplained);
-    move_line(from, between * moves);
+    change_suddenly(from, may, between);
     with_courses(from, [&](const explanation& tag, double share) {
         press(tag, between * may.press * share);
     });
-    mix(from, (1 - between) * sudden);
+    mix(from, (1 - between) * may.sudden);
 }
 
 void press_filter::branch_touched(const explanation& from)
 {
-    const changes may(from.age_s, d_elapsed_s, 1, d_set);
-    const double turns = turn_probability(from, d_elapsed_s),
-                 moves = move_probability(from),
-                 hands = hand_probability(from, d_elapsed_s),
-                 turns_on = going_on(turn_duration_s(from)),
+    const auto may = chances_of(from);
+    const double turns_on = going_on(turn_duration_s(from)),
                  changes_on =
                      from.press.steady ? going_on(duration_s(from.press.speed)) : 0,
+                 begins = may.steadily / std::max(may.quiet, may.steadily),
                  between = between_groups();
-    const double sudden =
-        may.all - may.steadily + turns + 2 * moves + burst_probability(from);
-    const double quiet = std::max(1 - sudden, 1e-3);
-    const double begins = may.steadily / std::max(quiet, may.steadily);
     if (from.turn.goes_on && from.press.steady) {
         // Both go on, or one of them ends, or both.
-        go_on_changing(from, quiet * turns_on * changes_on);
+        go_on_changing(from, may.quiet * turns_on * changes_on);
         auto resting = from, held = from;
         resting.turn.goes_on = false;
         resting.press.motion.push(-from.turn.velocity);
-        go_on_changing(resting, quiet * (1 - turns_on) * changes_on);
+        go_on_changing(resting, may.quiet * (1 - turns_on) * changes_on);
         held.press.steady = false;
         held.press.motion.move(from.turn.velocity, turning_speed(from.turn.speed));
         held.mean.weight = {};
         held.age_s = 0;
         turn_slowly(held,
-                    change_speed_of_press(from, quiet * turns_on * (1 - changes_on)),
+                    change_speed_of_press(from, may.quiet * turns_on * (1 - changes_on)),
                     course::goes_on);
         auto both = from;
         turn_unseen(both, 0.5);
         both.turn.goes_on = false;
-        stop_changing(both, quiet * (1 - turns_on) * (1 - changes_on));
+        stop_changing(both, may.quiet * (1 - turns_on) * (1 - changes_on));
     } else if (from.turn.goes_on) {
-        turn_slowly(from, quiet * turns_on * (1 - begins), course::goes_on);
+        turn_slowly(from, may.quiet * turns_on * (1 - begins), course::goes_on);
         turn_slowly(
-            from, change_speed_of_turn(from, quiet * (1 - turns_on)), course::ends);
-        begin_changing(from, quiet * turns_on * begins);
+            from, change_speed_of_turn(from, may.quiet * (1 - turns_on)), course::ends);
+        begin_changing(from, may.quiet * turns_on * begins);
     } else if (from.press.steady) {
-        go_on_changing(from, quiet * changes_on * (1 - turns - hands));
-        begin_turning(from, quiet * changes_on * turns, quiet * changes_on * hands);
-        stop_changing(from, change_speed_of_press(from, quiet * (1 - changes_on)));
+        go_on_changing(from, may.quiet * changes_on * (1 - may.turns - may.hands));
+        begin_turning(from, may, may.quiet * changes_on);
+        stop_changing(from, change_speed_of_press(from, may.quiet * (1 - changes_on)));
     } else {
-        const double rests = quiet * (1 - begins);
-        hold(from, rests * (1 - turns - hands));
-        begin_changing(from, quiet * begins);
-        begin_turning(from, rests * turns, rests * hands);
+        const double rests = may.quiet * (1 - begins);
+        hold(from, rests * (1 - may.turns - may.hands));
+        begin_changing(from, may.quiet * begins);
+        begin_turning(from, may, rests);
     }
-    turn_suddenly(from, between * turns);
-    touch(from, between * may.unexplained, unexplained);
-    move_line(from, between * moves);
-    move_beside_press(from, between * moves);
+    change_suddenly(from, may, between);
     with_courses(from, [&](const explanation& tag, double share) {
         release(tag, between * may.release * share);
         exchange(tag, between * may.exchange * share);
     });
-    mix(from, (1 - between) * sudden, may.release / sudden);
+    mix(from, (1 - between) * may.sudden, may.release / may.sudden);
 }
 
 void press_filter::branch_mixed(const explanation& from)
 {
-    const changes may(from.mixture.age_s, d_elapsed_s, 1, d_set);
-    const bool touched = from.touched();
-    const double turns = turn_probability(from, d_elapsed_s),
-                 moves = move_probability(from), bursts = burst_probability(from);
+    const auto may = chances_of(from);
+    const auto& mixture = from.mixture;
+    const bool touched = from.touched(), single = mixture.single;
     // The change lasts, or another one follows it at once.
-    const double goes_on = from.mixture.single ? lasting() : going_on(d_set.change_s),
-                 another = (1 - between_groups()) * changes(0, d_elapsed_s, 1, d_set).all,
-                 lasts = goes_on + (1 - goes_on) * another;
-    const double all = (may.all - (touched ? may.steadily : 0) + turns +
-                        (touched ? 2 : 1) * moves + bursts) /
-                       (1 - lasts);
+    const double goes_on = single ? lasting() : going_on(d_set.change_s),
+                 another = (1 - between_groups()) * d_elapsed_s / d_set.settling_s,
+                 lasts = goes_on + (1 - goes_on) * another,
+                 ends = (1 - lasts) / may.sudden;
     // What was seen of a single group of change lies between the states before and after
     // it.
-    const bool single = from.mixture.single;
-    const auto& mixture = from.mixture;
     const double known = single ? mixture.log_density : 0;
     const double to_this =
         single
@@ -394,43 +386,41 @@ void press_filter::branch_mixed(const explanation& from)
                   known
             : 0;
     auto next = from;
-    next.is = from.mixture.before;
-    next.age_s = from.mixture.age_s;
+    next.is = mixture.before;
+    next.age_s = mixture.age_s;
     next.log_weight = from.log_weight + to_this;
-    turn_suddenly(next, turns / all);
-    touch(next, may.unexplained / all, unexplained);
-    move_line(next, moves / all);
-    if (touched)
-        move_beside_press(next, moves / all);
+    change_suddenly(next, may, ends);
     // What was seen was not the tag.
     next.log_weight = from.log_weight - known;
     next.mean.weight = {};
     next.turn.bursts++;
     if (next.turn.goes_on)
-        turn_slowly(next, bursts / all, course::goes_on);
+        turn_slowly(next, ends * may.bursts, course::goes_on);
     else if (!touched)
-        remain_untouched(next, bursts / all);
+        remain_untouched(next, ends * may.bursts);
     else if (next.press.steady)
-        go_on_changing(next, bursts / all);
+        go_on_changing(next, ends * may.bursts);
     else
-        hold(next, bursts / all);
+        hold(next, ends * may.bursts);
     with_courses(from, [&](const explanation& tag, double share) {
         const double to_untouched = single && !touched ? 0
                                     : single && tag.line.known && !tag.turn.sudden
                                         ? chord_to_line(mixture, tag) - known
                                         : to_this;
         next = tag;
-        next.is = from.mixture.before;
+        next.is = mixture.before;
         next.log_weight = tag.log_weight + to_untouched;
         // Without a press before it was a tap.
-        release(next, (touched ? may.release : 0.1 * may.press) * share / all);
+        release(next, ends * (touched ? may.release : 0.1 * may.press) * share);
         next.log_weight = tag.log_weight + to_this;
-        exchange(next, (touched ? may.exchange : 0.9 * may.press) * share / all);
+        exchange(next, ends * (touched ? may.exchange : 0.9 * may.press) * share);
     });
     mix(from, lasts);
 }
 
-void press_filter::begin_turning(const explanation& from, double turns, double hands)
+void press_filter::begin_turning(const explanation& from,
+                                 const chances& may,
+                                 double share)
 {
     const auto begin = [&](double probability, std::size_t speed, bool near) {
         if (from.press.steady)
@@ -440,9 +430,9 @@ void press_filter::begin_turning(const explanation& from, double turns, double h
     };
     const std::size_t last = fastest_turn();
     for (std::size_t i = 1; i <= last; i++) {
-        begin(turns / static_cast<double>(last), i, false);
+        begin(share * may.turns / static_cast<double>(last), i, false);
         if (i <= hand_speeds)
-            begin(hands / hand_speeds, i, true);
+            begin(share * may.hands / hand_speeds, i, true);
     }
 }
 

@@ -61,6 +61,16 @@ private:
 
     enum class course { begins, goes_on, ends };
 
+    // Probabilities in the time of a group: that the state changes, to a contact that the
+    // model does not contain or to another, by how it does; that the tag turns, a hand
+    // comes near, a cable moves or a burst hides the tag; that anything of these is
+    // sudden, and that nothing is.
+    struct chances {
+        double all, unexplained, press, release, exchange, steadily;
+        double turns, hands, moves, bursts;
+        double sudden, quiet;
+    };
+
     // press_filter.cc: what may follow, and what is kept of it.
     void start(const press_observation& group);
     void observe(const press_observation& group);
@@ -70,7 +80,9 @@ private:
     void branch_untouched(const explanation& from);
     void branch_touched(const explanation& from);
     void branch_mixed(const explanation& from);
-    void begin_turning(const explanation& from, double turns, double hands);
+    chances chances_of(const explanation& from) const;
+    void change_suddenly(const explanation& from, const chances& may, double share);
+    void begin_turning(const explanation& from, const chances& may, double share);
     void begin_changing(const explanation& from, double probability);
     // Give the probability of coming to rest.
     double change_speed_of_press(const explanation& from, double probability);
@@ -207,13 +219,13 @@ private:
     press_parameters d_set;
     off_states d_off;
     bool d_off_differ;
-    double d_negligible; // logarithm of a weight that is not followed
+    double d_negligible;   // logarithm of a weight that is not followed
+    double d_contact_peak; // largest log density of the phases of contacts
     std::vector<explanation> d_kept, d_next;
     double d_best = 0;    // largest log weight so far
     double d_claimed = 0; // probability of what the user has said
-    // Largest log densities of a group's phases, those of contacts, and of its
-    // amplitudes.
-    double d_peak = 0, d_contact_peak = 0, d_amplitude_peak = 0;
+    // Largest log densities of a group's phases, and of its amplitudes.
+    double d_peak = 0, d_amplitude_peak = 0;
 
     press_observation d_group;
     bool d_first = true;        // nothing was seen before it

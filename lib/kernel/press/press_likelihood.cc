@@ -19,8 +19,6 @@ void press_filter::find_peaks()
 {
     d_amplitude_peak = std::max(log_normal(0, d_seen.mean_variance), 0.0) +
                        log_normal(0, d_seen.difference_variance);
-    d_contact_peak =
-        std::max(log_any_phases, std::log(d_image->largest_density() + 1e-12));
     d_peak = std::max(phase_peak({}), d_contact_peak);
 }
 
@@ -182,7 +180,7 @@ double press_filter::contact_phases(const explanation& of) const
         return log_any_phases;
     const double explained = density(of, d_group.phase);
     if (of.is == pressed)
-        return std::log(explained + 1e-12);
+        return log_density(explained);
     double near = 0;
     const auto at = of.line.phase();
     for (int e = 0; e < 2; e++)
@@ -452,7 +450,7 @@ double press_filter::pressed_in_part(const mixture& from) const
     pair_of_ends change;
     for (int e = 0; e < 2; e++)
         change[e] = std::arg(from.seen[e] / from.start[e] - (1 - s));
-    const double here = std::log(d_image->density(change) + 1e-12) - log_area +
+    const double here = log_density(d_image->density(change)) - log_area +
                         log_normal(share[0] - share[1], variance) - log_any_mixture;
     return log_sum(std::log1p(-any_share) + here, std::log(any_share));
 }
@@ -467,7 +465,7 @@ void press_filter::look_up(explanation& of) const
         return;
     const auto phase = press.motion.phase();
     press.heading = d_image->direction(of.change(phase));
-    press.log_density = std::log(density(of, phase) + 1e-12);
+    press.log_density = log_density(density(of, phase));
 }
 
 // What a press that changes gains of the image: in the end its density is that of the

@@ -52,6 +52,8 @@ constexpr double ramp_deg = 4;
 // Per rad^2: density of the image below which the model does not contain a press; 1 / 8
 // of that of phases that may be anything.
 constexpr double outside = 0.003;
+// Of phases that no press of the model has it is low, not minus infinity.
+inline double log_density(double density) { return std::log(density + 1e-12); }
 // rad^2: variance of a phase of which nothing is known.
 constexpr double unknown_phase = two_pi * two_pi / 12;
 // Np: spread of amplitudes of contacts that the model does not contain.
