@@ -33,7 +33,8 @@ class Flag(enum.Flag):
     EXTRAPOLATED = enum.auto()  # Force or location lie outside the calibrated span.
     # A phase step common to both ends: the tag or an antenna moved, or the receiver's gain changed.
     MOVED = enum.auto()
-    SATURATED = enum.auto()  # Samples of the group reached the converter's full scale.
+    # Samples of 1 % of the group's snapshots reached the converter's full scale, or a lower limit.
+    SATURATED = enum.auto()
 
     @property
     def word(self) -> str:
