@@ -46,10 +46,7 @@ class Hopper:
     share: float = key(_SHARE, default=0.5, doc="Share of the time in which it transmits.")
     shortest_s: float = key(_BURST, default=5e-3, doc="Shortest visit to a channel.")
     longest_s: float = key(
-        _BURST,
-        default=20e-3,
-        doc="Longest visit to a channel.",
-        check=_not_below_shortest,
+        _BURST, default=20e-3, doc="Longest visit to a channel.", check=_not_below_shortest
     )
     level_db: float = key(
         _LEVEL,
@@ -172,7 +169,7 @@ class Fan:
 
 @declared
 class Walker:
-    """A person who walks, stops, and walks again."""
+    """A person who walks, stops, and walks again, beside `moving_clutter_db`."""
 
     level_db: float = key(
         _LEVEL, default=20.0, doc="Power of all that the person reflects relative to |c1[1] G1|^2."
@@ -267,7 +264,7 @@ _MOST_LOST = 0.9
 
 @declared
 class PacketFaults:
-    """What commodity receivers do to channel snapshots, for `simulate`."""
+    """What commodity receivers do to channel snapshots, in a scene with `packets`."""
 
     lost: float = key(
         Number(low=0, high=_MOST_LOST), default=0.0, doc="Share of the packets that is lost."

@@ -171,9 +171,7 @@ class Link:
     receiver_dbi: float = key(_GAIN, default=0.0, doc="Gain of the receiving antenna.")
     tag_dbi: float = key(_GAIN, default=0.0, doc="Gain of the tag's antenna, which counts twice.")
     tag_loss_db: float = key(
-        _LOSS,
-        default=1.0,
-        doc="Loss of the tag's switches and of the line, there and back.",
+        _LOSS, default=1.0, doc="Loss of the tag's switches and of the line, there and back."
     )
     direct_loss_db: float = key(
         _LOSS,

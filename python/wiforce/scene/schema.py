@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..io.readings import SURFACE_COLUMNS
-from ..io.text.schema import DRAFT_7, Derived, ListOf, Mapping, declared, json_schema, key, plain
+from ..io.text.schema import DRAFT_7, Derived, ListOf, declared, json_schema, key, plain, section
 from ..io.text.values import (
     AutomaticNumber,
     Choice,
@@ -133,9 +133,7 @@ class Radio:
         doc="Carrier frequency, within 10 % of one that every sensor model holds.",
     )
     sample_rate_hz: float = key(
-        Number(unit="Hz", low=1e5, high=1e9),
-        default=12.5e6,
-        doc="Complex samples per second.",
+        Number(unit="Hz", low=1e5, high=1e9), default=12.5e6, doc="Complex samples per second."
     )
 
 
@@ -194,7 +192,7 @@ _TRAINING_S = 6.4e-6
 
 @declared
 class Packets:
-    """Packets, each of which gives one snapshot of the channel at a time of its own."""
+    """Packets at times of their own, of which another device measures a channel snapshot each."""
 
     interval_s: float = key(
         Number(unit="s", low=1e-5, high=10),
@@ -220,9 +218,7 @@ class Packets:
         doc="Subcarriers, for `plan` and `simulate`; `read` uses those of the file.",
     )
     spacing_hz: float = key(
-        Number(unit="Hz", low=1e3, high=1e8),
-        default=312.5e3,
-        doc="Distance of these subcarriers.",
+        Number(unit="Hz", low=1e3, high=1e8), default=312.5e3, doc="Distance of these subcarriers."
     )
 
 
@@ -231,9 +227,7 @@ class PhaseGroup:
     """Snapshots per reading, and how phases are estimated from them."""
 
     snapshots: int = key(
-        Integer(low=32, high=100_000),
-        default=625,
-        doc="N_g, the snapshots per reading.",
+        Integer(low=32, high=100_000), default=625, doc="N_g, the snapshots per reading."
     )
     estimator: str = key(
         Choice(words=("harmonic", "sideband", "paper")),
@@ -370,33 +364,21 @@ class Scene:
     ``path``: its file; None for a scene given as a dict.
     """
 
-    radio: Radio = key(Mapping(of=Radio), doc="Carrier and sample rate.")
-    sounding: Sounding = key(Mapping(of=Sounding), doc="The frame that the reader sends.")
-    packets: Packets | None = key(
-        Mapping(of=Packets, optional=True),
-        doc="Channel snapshots of packets, measured by another device; null means samples.",
-    )
-    phase_group: PhaseGroup = key(
-        Mapping(of=PhaseGroup), doc="Snapshots per reading, and their estimator."
-    )
-    environment: Environment = key(
-        Mapping(of=Environment), doc="What is known about the room and the reader's clocks."
-    )
+    radio: Radio = section(Radio)
+    sounding: Sounding = section(Sounding)
+    packets: Packets | None = section(Packets, absent="samples")
+    phase_group: PhaseGroup = section(PhaseGroup)
+    environment: Environment = section(Environment)
     sensors: tuple[SceneSensor, ...] = key(
         ListOf(of=SceneSensor, least=1, most=MAX_SENSORS), doc="The sensors that are read."
     )
-    surface: Surface | None = key(
-        Mapping(of=Surface, optional=True),
-        doc="Sensors that lie side by side under one skin, and are read as a surface as well.",
-    )
+    surface: Surface | None = section(Surface, absent="none")
     reference_s: float = key(
         Number(unit="s", low=0, high=3600),
         default=0.5,
         doc="Time at the start in which no sensor is touched; phases are differences against it.",
     )
-    simulation: Simulation = key(
-        Mapping(of=Simulation), doc="What happens in the scene, for `simulate` and `emulate` only."
-    )
+    simulation: Simulation = section(Simulation)
     path: Path | None = dataclasses.field(default=None, compare=False)
 
     def waveform(self) -> Waveform:

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from ..io.text.schema import Derived, ListOf, Mapping, declared, key, read
+from ..io.text.schema import Derived, ListOf, declared, key, read, section
 from ..io.text.values import Choice, Integer, KeyPath, Number, Scope, Text
 from .effects import (
     Beam,
@@ -148,14 +148,8 @@ class Tag:
         doc="Random walk of the phase of either end, per root of a second, with temperature and "
         "humidity. The truth file does not contain it.",
     )
-    beam: Beam | None = key(
-        Mapping(of=Beam, optional=True),
-        doc="Hysteresis and creep of the soft beam; null means an elastic beam.",
-    )
-    hand: Hand | None = key(
-        Mapping(of=Hand, optional=True),
-        doc="A second path of the tag, by way of the hand that presses; null means none.",
-    )
+    beam: Beam | None = section(Beam, absent="an elastic beam")
+    hand: Hand | None = section(Hand, absent="none")
 
 
 def with_all_tags(
@@ -197,18 +191,14 @@ def _default_duration(scope: Any) -> float:
 class PressForce:
     """A press: force rises from 0, changes linearly while it is held, falls to 0 again."""
 
-    start_s: float = key(
-        _TIME,
-        doc="Start of the press, not before `reference_s`.",
-    )
+    start_s: float = key(_TIME, doc="Start of the press, not before `reference_s`.")
     rise_s: float = key(
         _TIME,
         default=0.1,
         doc="Time in which the force rises from 0 to `force_n`, and falls to 0 at the end.",
     )
     hold_s: float = key(
-        _TIME,
-        doc="Time in which the force changes linearly from `force_n` to `end_force_n`.",
+        _TIME, doc="Time in which the force changes linearly from `force_n` to `end_force_n`."
     )
     force_n: float = key(
         Number(unit="N", low=0, above=True, high=1000), doc="Force after the rise."
@@ -251,7 +241,7 @@ class SurfacePress(PressForce):
 
 @declared
 class Plate:
-    """A skin that acts as a thin plate on an elastic foundation."""
+    """The skin of the surface as a thin plate on an elastic foundation."""
 
     reach_mm: float = key(
         Number(unit="mm", low=0.5, high=1000),
@@ -285,7 +275,7 @@ class Move:
 
 @declared
 class Simulation:
-    """What happens in a simulated scene.
+    """What happens in the scene, for `simulate` and `emulate` only.
 
     ``truth_model``, ``clock_offset_ppm`` and ``clock_drift_ppm_per_s`` are only the defaults of
     the entries of ``tags``, which has one entry per sensor, in the order of the sensors.
@@ -308,10 +298,7 @@ class Simulation:
         default=1,
         doc="Seed of everything random. The same scene and seed give the same bytes.",
     )
-    link: Link | None = key(
-        Mapping(of=Link, optional=True),
-        doc="A link budget, from which `snr_db` and `static_clutter_db` follow; null means none.",
-    )
+    link: Link | None = section(Link, absent="none")
     snr_db: float = key(
         Number(unit="dB", low=-100, high=140),
         derived=level_or(10.0, 0),
@@ -371,39 +358,15 @@ class Simulation:
         doc="Resolution of the converter; codes are left-justified in ci16. null means 16 bits "
         "for ci16 and no rounding for cf32.",
     )
-    bursts: Bursts | None = key(
-        Mapping(of=Bursts, optional=True),
-        doc="Bursts of other transmitters over the whole band; null means none.",
-    )
-    hopper: Hopper | None = key(
-        Mapping(of=Hopper, optional=True),
-        doc="A narrow-band transmitter that hops; null means none.",
-    )
-    front_end: FrontEnd | None = key(
-        Mapping(of=FrontEnd, optional=True),
-        doc="Imperfections of transmitter and receiver; null means none.",
-    )
-    radio_noise: RadioNoise | None = key(
-        Mapping(of=RadioNoise, optional=True),
-        doc="Noise of synthesizers and transmitter; null means none.",
-    )
-    ripple: Ripple | None = key(
-        Mapping(of=Ripple, optional=True),
-        doc="Amplitude modulation of the received signal; null means none.",
-    )
-    lamps: Lamps | None = key(
-        Mapping(of=Lamps, optional=True),
-        doc="Lamps that modulate what they reflect; null means none.",
-    )
-    fan: Fan | None = key(Mapping(of=Fan, optional=True), doc="A fan; null means none.")
-    walker: Walker | None = key(
-        Mapping(of=Walker, optional=True),
-        doc="A person who walks, beside `moving_clutter_db`; null means nobody.",
-    )
-    packets: PacketFaults | None = key(
-        Mapping(of=PacketFaults, optional=True),
-        doc="What happens to packets; null means nothing. Needs a scene with `packets`.",
-    )
+    bursts: Bursts | None = section(Bursts, absent="none")
+    hopper: Hopper | None = section(Hopper, absent="none")
+    front_end: FrontEnd | None = section(FrontEnd, absent="none")
+    radio_noise: RadioNoise | None = section(RadioNoise, absent="none")
+    ripple: Ripple | None = section(Ripple, absent="none")
+    lamps: Lamps | None = section(Lamps, absent="none")
+    fan: Fan | None = section(Fan, absent="none")
+    walker: Walker | None = section(Walker, absent="nobody")
+    packets: PacketFaults | None = section(PacketFaults, absent="nothing")
     other_tags: tuple[OtherTag, ...] = key(
         ListOf(of=OtherTag, most=MAX_SENSORS), doc="Tags that are not listed as sensors."
     )
@@ -411,9 +374,7 @@ class Simulation:
         ListOf(of=Tag, most=MAX_SENSORS), doc="Properties of single tags, at most one entry each."
     )
     presses: tuple[Press, ...] = key(ListOf(of=Press, most=MAX_EVENTS), doc="The presses.")
-    plate: Plate = key(
-        Mapping(of=Plate), doc="The skin of the surface, which the reader knows another law of."
-    )
+    plate: Plate = section(Plate)
     surface_presses: tuple[SurfacePress, ...] = key(
         ListOf(of=SurfacePress, most=MAX_EVENTS), doc="The presses on the surface."
     )

@@ -27,9 +27,7 @@ class SurfaceStrip:
     y_mm: float = key(POSITION, doc="Position of the strip across.")
     x_mm: float = key(POSITION, default=0.0, doc="Where port 1 of the strip is along x.")
     direction: str = key(
-        Choice(words=("+x", "-x")),
-        default="+x",
-        doc="Direction from port 1 to port 2.",
+        Choice(words=("+x", "-x")), default="+x", doc="Direction from port 1 to port 2."
     )
 
 
@@ -41,8 +39,7 @@ class Surface:
         Text(limit=64), default="skin", doc="Name in the readings; differs from every sensor's."
     )
     strips: tuple[SurfaceStrip, ...] = key(
-        ListOf(of=SurfaceStrip, least=2, most=MAX_SENSORS),
-        doc="The strips, in any order.",
+        ListOf(of=SurfaceStrip, least=2, most=MAX_SENSORS), doc="The strips, in any order."
     )
     presses: int = key(
         Integer(low=1, high=2),

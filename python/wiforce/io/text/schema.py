@@ -221,6 +221,17 @@ class Mapping(ValueType):
         return schema | {"type": ["object", "null"]} if with_null else schema
 
 
+def section(cls: type, *, absent: str | None = None) -> Any:
+    """Declare a key that holds a mapping, which the first line of its class documents.
+
+    ``absent`` is what null means, where it is allowed.
+    """
+    about = (cls.__doc__ or "").partition("\n")[0]
+    if absent is None:
+        return key(Mapping(of=cls), doc=about)
+    return key(Mapping(of=cls, optional=True), doc=f"{about[:-1]}; null means {absent}.")
+
+
 @dataclass(kw_only=True, eq=False, repr=False)
 class ListOf(ValueType):
     """A list of ``least`` to ``most`` items, read as a tuple; absent where ``least`` is 0.
