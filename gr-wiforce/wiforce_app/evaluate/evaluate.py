@@ -27,7 +27,7 @@ from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.scene import load_scene, sampled_scenes, simulation_warnings
-from gnuradio.wiforce.simulation.channel import AirChannel
+from gnuradio.wiforce.simulation.presses import pressed_sensor
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth import score, truth_rows
 from gnuradio.wiforce.wiforce_kernels import folded_reader
@@ -210,17 +210,17 @@ def expected_truth(scene):
     They are of the mean reflection of a group, not of its centre, from the untouched phases of the
     reader's model on.
     """
-    channel, frequency = AirChannel(scene), scene.radio.center_frequency_hz
-    bias_deg = {}
-    for sensor, tag in zip(scene.sensors, scene.simulation.tags, strict=True):
+    frequency, bias_deg, pressed = scene.radio.center_frequency_hz, {}, {}
+    for i, (sensor, tag) in enumerate(zip(scene.sensors, scene.simulation.tags, strict=True)):
+        pressed[sensor.name] = pressed_sensor(scene, i)
         known, true = sensor.load_model(scene), scene.load_model(tag.truth_model)
         known_deg, true_deg = (model.untouched_deg(frequency) for model in (known, true))
         bias_deg[sensor.name] = np.subtract(known_deg, true_deg)
-    truth = [row for row in truth_rows(scene, channel) if row["sensor"] in bias_deg]
+    truth = [row for row in truth_rows(scene) if row["sensor"] in bias_deg]
     for row in truth:
-        pressed = channel.sensors[row["sensor"]].pressed
-        mean_deg = pressed.mean_phases_deg([row["time_s"]], scene.group_period_s)[0]
-        row["phase1_deg"], row["phase2_deg"] = mean_deg + bias_deg[row["sensor"]]
+        name, times_s = row["sensor"], [row["time_s"]]
+        mean_deg = pressed[name].mean_phases_deg(times_s, scene.group_period_s)[0]
+        row["phase1_deg"], row["phase2_deg"] = mean_deg + bias_deg[name]
     return truth
 
 

@@ -8,7 +8,6 @@ all antennas alike, and the receiver chain of each antenna has phases and gains 
 import io
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +15,8 @@ import numpy as np
 from ..scene import Scene
 from ..scene.effects import PacketFaults
 from .paths import Levels
-from .presses import TouchState
 from .random_sources import Ramp, RandomSources
 from .tag import SwitchedTag
-from .truth import write_truth
 
 # Delay spread of a room's echoes (tens of ns indoors: IEEE 802.11-03/940r4, models B to D), their
 # number, and the power of all of them relative to the direct path.
@@ -35,40 +32,22 @@ _REPEAT_S = 20e-6
 _WANDER_HZ = 100.0
 
 
-@dataclass(frozen=True, eq=False)
-class SimulatedPackets:
-    """Channel snapshots of a scene."""
-
-    time_s: np.ndarray  # (n,), as the card reports them, from about 0
-    channel: np.ndarray  # (n, K, antennas), complex64
-    subcarrier_hz: np.ndarray  # (K,), against the carrier
-    tags: dict[str, SwitchedTag]  # by sensor name
-
-    def touch_state(self, times_s: np.ndarray) -> dict[str, TouchState]:
-        """State of each sensor at some times, by name."""
-        return {name: tag.pressed.state(times_s) for name, tag in self.tags.items()}
-
-
 def write_packets(
-    scene: Scene, data: Path, truth: Path, beside: Path, progress: Callable[[int], object] | None
+    scene: Scene, data: Path, beside: Path, progress: Callable[[int], object] | None
 ) -> None:
-    """Write the channel snapshots of a scene and their truth; sensor files as named ``beside``."""
-    packets = packets_of(scene, progress)
-    write_truth(scene, packets, truth)
+    """Write the channel snapshots of a scene; sensor files as named ``beside``."""
     content = io.BytesIO()  # after an error of a file, its archive prints another
     np.savez(
         content,
-        time_s=packets.time_s,
-        channel=packets.channel,
-        subcarrier_hz=packets.subcarrier_hz,
+        **_packets(scene, progress),
         center_frequency_hz=scene.radio.center_frequency_hz,
         scene=json.dumps(scene.as_dict(beside)),
     )
     data.write_bytes(content.getbuffer())
 
 
-def packets_of(scene: Scene, progress: Callable[[int], object] | None = None) -> SimulatedPackets:
-    """Simulate the channel snapshots of a scene with packets."""
+def _packets(scene: Scene, progress: Callable[[int], object] | None) -> dict[str, np.ndarray]:
+    """Times (n,), from about 0, channel (n, K, antennas), and subcarriers (K,) of a scene."""
     assert scene.packets is not None
     own, simulation = scene.packets, scene.simulation
     antennas = scene.environment.receive_antennas
@@ -95,9 +74,8 @@ def packets_of(scene: Scene, progress: Callable[[int], object] | None = None) ->
             progress(len(piece))
     channel = np.concatenate(pieces)
     time_s, channel = _repeated(faults.repeated, time_s, channel, seeds.generator(3))
-    named = {tag.name: tag for tag in tags}
     time_s = _stamps(faults, time_s, seeds.generator(5))
-    return SimulatedPackets(time_s, channel, hertz, named)
+    return {"time_s": time_s, "channel": channel, "subcarrier_hz": hertz}
 
 
 def _times(scene: Scene, lost: float, rng: np.random.Generator) -> np.ndarray:

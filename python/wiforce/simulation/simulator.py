@@ -51,19 +51,19 @@ def simulate(
             raise InputError(path, f"exists already; {replaced_by} replaces it")
     try:
         with all_or_nothing(paths) as temporary:
-            if packets:
-                write_packets(scene, temporary[0], temporary[1], paths[0], progress)
-                return paths
             for antenna in range(antennas):
-                data, truth, meta = temporary[antenna * len(suffixes) :][: len(suffixes)]
+                data, truth = temporary[antenna * len(suffixes) :][:2]
+                write_truth(scene, truth)
+                if packets:
+                    write_packets(scene, data, paths[0], progress)
+                    continue
                 channel = AirChannel(scene, antenna=antenna)
                 with open(data, "wb") as stream:
                     for samples in capture(scene, channel, datatype):
                         stream.write(samples.data)
                         if progress is not None:
                             progress(samples.size // (2 if datatype == "ci16_le" else 1))
-                write_truth(scene, channel, truth)
-                _write_metadata(scene, datatype, data, meta, paths[0])
+                _write_metadata(scene, datatype, data, paths[0])
     except OSError as error:
         raise unwritable(stem, error) from error
     return paths
@@ -84,7 +84,7 @@ def capture(scene: Scene, channel: AirChannel, datatype: str) -> Iterator[np.nda
             yield samples_of(adc.codes(received))
 
 
-def _write_metadata(scene: Scene, datatype: str, data: Path, path: Path, beside: Path) -> None:
+def _write_metadata(scene: Scene, datatype: str, data: Path, beside: Path) -> None:
     from .._config import VERSION
 
     fields = {
@@ -100,4 +100,4 @@ def _write_metadata(scene: Scene, datatype: str, data: Path, path: Path, beside:
         "wiforce:seed": scene.simulation.seed,
     }
     capture = {"core:sample_start": 0, "core:frequency": scene.radio.center_frequency_hz}
-    write_metadata(path, data, fields, [capture])
+    write_metadata(data.with_suffix(".sigmf-meta"), data, fields, [capture])

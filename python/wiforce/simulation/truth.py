@@ -15,7 +15,7 @@ import numpy as np
 from ..io.readings import Reading, rounded
 from ..scene import Scene
 from ..signal.carrier import wrap_deg
-from .presses import surface_truth
+from .presses import pressed_sensor, surface_truth
 
 TRUTH_COLUMNS = (
     "time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg",
@@ -33,17 +33,18 @@ def group_centers(scene: Scene) -> np.ndarray:
     return (np.arange(groups) + 0.5) * scene.group_period_s
 
 
-def truth_rows(scene: Scene, channel: Any) -> list[dict[str, Any]]:
+def truth_rows(scene: Scene) -> list[dict[str, Any]]:
     """The state at the centre of each phase group, a row per group and sensor.
 
     ``force_n`` also below the onset; surfaces have rows with x in ``location_mm``, and ``y_mm``.
     """
     times = group_centers(scene)
-    states, of_surface = channel.touch_state(times), surface_truth(scene, times)
+    states = [pressed_sensor(scene, index).state(times) for index in range(len(scene.sensors))]
+    of_surface = surface_truth(scene, times)
     rows: list[dict[str, Any]] = []
     for i, time_s in enumerate(times.tolist()):
         at = {"time_s": rounded("time_s", time_s)}
-        for name, state in states.items():
+        for name, state in zip(scene.sensor_names, states, strict=True):
             numbers = (state.force_n[i], state.location_mm[i], *state.phases_deg[i])
             found = {k: rounded(k, x) for k, x in zip(TRUTH_COLUMNS[3:], numbers, strict=True)}
             rows.append({**at, "sensor": name, "touch": int(state.touch[i]), **found})
@@ -53,13 +54,13 @@ def truth_rows(scene: Scene, channel: Any) -> list[dict[str, Any]]:
     return rows
 
 
-def write_truth(scene: Scene, channel: Any, path: str | Path) -> None:
+def write_truth(scene: Scene, path: str | Path) -> None:
     """Write the truth of a scene's capture as CSV."""
     columns = TRUTH_COLUMNS if scene.surface is None else (*TRUTH_COLUMNS, "y_mm")
     with open(path, "w", encoding="utf-8", newline="") as stream:
         writer = csv.DictWriter(stream, columns, lineterminator="\n")
         writer.writeheader()
-        writer.writerows(truth_rows(scene, channel))
+        writer.writerows(truth_rows(scene))
 
 
 @contextmanager
