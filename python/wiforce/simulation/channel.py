@@ -7,11 +7,12 @@ tag's own clock; where both are on at once, waves also run through the line from
 :meth:`AirChannel._piece` computes these steps in order.
 """
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..scene import Scene
 from .paths import Levels, modulated_paths, static_taps, tag_paths
 from .presses import TouchState
 from .radio import (
@@ -23,9 +24,6 @@ from .radio import (
     transmitters,
 )
 from .random_sources import Fir, Ramp, RandomSources
-
-if TYPE_CHECKING:
-    from ..scene import Scene
 
 # Peak of a scene's frame at the ADC, as a part of full scale.
 PEAK = 10 ** (-3 / 20)
@@ -44,7 +42,7 @@ class AirChannel:
 
     def __init__(
         self,
-        scene: "Scene",
+        scene: Scene,
         amplitude: float = 1.0,
         through: bool = False,
         antenna: int = 0,
@@ -68,26 +66,25 @@ class AirChannel:
             self.scale, peak = PEAK / self._levels.peak(taps, noise), PEAK
         self._static = Fir(self.scale * static)
         self._paths = [(Fir(self.scale * taps), gain) for taps, gain in paths]
-        self._oscillators = FreeOscillators(
-            simulation.carrier_offset_hz,
-            simulation.phase_noise_hz,
-            sources.oscillators,
-            ramp,
-            rate_hz,
-        )
-        self._front_end = self._ripple = self._radio_noise = None
-        if simulation.front_end:
-            self._front_end = AnalogueFrontEnd(
-                simulation.front_end, peak, sources.effect("front_end")
-            )
-        if simulation.radio_noise:
+        # What acts on samples before the paths, behind them, and behind the noise; in its order.
+        self._sending: list[Callable[[int, np.ndarray], np.ndarray]] = []
+        self._turning: list[Callable[[int, np.ndarray], None]] = []
+        others = transmitters(simulation, sources, rate_hz, self.noise_std)
+        self._receiving: list[Callable[[int, np.ndarray], None]] = [each.add for each in others]
+        if ripple := simulation.ripple:
+            self._turning.append(GainRipple(ripple, ramp, sources.effect("ripple")).modulate)
+        oscillators = FreeOscillators(simulation, sources.oscillators, ramp, rate_hz)
+        self._turning.append(oscillators.rotate)
+        if stated := simulation.front_end:
+            front_end = AnalogueFrontEnd(stated, peak, sources.effect("front_end"))
+            self._sending.append(front_end.transmit)
+            self._receiving.append(front_end.receive)
+        self._radio_noise = None
+        if of_radio := simulation.radio_noise:
             seeds = sources.effect("radio_noise")
-            self._radio_noise = RadioNoiseSource(
-                simulation.radio_noise, amplitude, ramp, rate_hz, seeds
-            )
-        if simulation.ripple:
-            self._ripple = GainRipple(simulation.ripple, ramp, sources.effect("ripple"))
-        self._others = transmitters(simulation, sources, rate_hz, self.noise_std)
+            self._radio_noise = RadioNoiseSource(of_radio, amplitude, ramp, rate_hz, seeds)
+            self._sending.append(self._radio_noise.transmit)
+            self._turning.append(self._radio_noise.rotate)
         self._memory = max(fir.memory for fir in [self._static, *(fir for fir, _ in self._paths)])
         self._scratch = np.empty((2, _PIECE), np.complex64)
         self.restart(0)
@@ -129,10 +126,8 @@ class AirChannel:
 
     def _piece(self, samples: np.ndarray, first: int, received: np.ndarray) -> None:
         count = len(samples)
-        if self._front_end:
-            samples = self._front_end.transmit(samples)
-        if self._radio_noise:
-            samples = self._radio_noise.transmit(first, samples)
+        for send in self._sending:
+            samples = send(first, samples)
         sent = np.concatenate([self._history, samples])
         self._history = sent[count:].copy()
         if sent.any():
@@ -142,18 +137,13 @@ class AirChannel:
                 fir.apply(sent, count, path, scratch)
                 path *= gain(first, count)
                 received += path
-            if self._ripple:
-                self._ripple.modulate(first, received)
-            self._oscillators.rotate(first, received)
-            if self._radio_noise:
-                self._radio_noise.rotate(first, received)
+            for turn in self._turning:
+                turn(first, received)
         else:
             received[:] = 0
         self._add_noise(received)
-        for other in self._others:
-            other.add(first, received)
-        if self._front_end:
-            self._front_end.receive(received)
+        for receive in self._receiving:
+            receive(first, received)
 
     def _add_noise(self, received: np.ndarray) -> None:
         noise = self._scratch[0].view(np.float32)[: 2 * len(received)]

@@ -3,37 +3,32 @@
 
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..scene.effects import Bursts, FrontEnd, Hopper, RadioNoise, Ripple
+from ..scene.simulated import Simulation
+from ..signal.waveform import Waveform
 from .random_sources import Ramp, RandomSources, Seeds
-
-if TYPE_CHECKING:
-    from ..scene.effects import Bursts, FrontEnd, Hopper, RadioNoise, Ripple
-    from ..scene.simulated import Simulation
-    from ..signal.waveform import Waveform
 
 
 class FreeOscillators:
-    """Phase of the transmitter's oscillator relative to the receiver's: an offset and a random
-    walk.
+    """Phase of the transmitter's oscillator over the receiver's: an offset and a random walk.
 
-    Its variance grows by 2 pi ``linewidth_hz`` per second (A. Demir, A. Mehrotra, J. Roychowdhury,
-    IEEE Trans. Circuits and Systems I 47 (2000)).
+    Its variance grows by 2 pi times the linewidth per second (A. Demir, A. Mehrotra, J.
+    Roychowdhury, IEEE Trans. Circuits and Systems I 47 (2000)).
     """
 
     def __init__(
         self,
-        offset_hz: float,
-        linewidth_hz: float,
+        stated: Simulation,
         rng: np.random.Generator,
         ramp: Ramp,
         sample_rate_hz: float,
     ) -> None:
-        self._cycles_per_sample = offset_hz / sample_rate_hz
-        self._step_std = np.sqrt(2 * np.pi * linewidth_hz)
+        self._cycles_per_sample = stated.carrier_offset_hz / sample_rate_hz
+        self._step_std = np.sqrt(2 * np.pi * stated.phase_noise_hz)
         self._rng, self._ramp = rng, ramp
         # Times and phases of the last knots of the walk.
         self._last: tuple[np.ndarray, np.ndarray] | None = None
@@ -91,18 +86,18 @@ def image_gains(gain_db: float, phase_deg: float) -> tuple[complex, complex]:
 class AnalogueFrontEnd:
     """The receiver's amplifier, x (1 - c min(|x|^2 / peak^2, 1 / (3 c))), mixers and DC offset."""
 
-    def __init__(self, stated: "FrontEnd", peak: float, seeds: Seeds) -> None:
+    def __init__(self, stated: FrontEnd, peak: float, seeds: Seeds) -> None:
         self._sent = image_gains(stated.transmitter_gain_db, stated.transmitter_phase_deg)
         self._received = image_gains(stated.receiver_gain_db, stated.receiver_phase_deg)
         self._curvature = stated.compression / peak**2
         angle = 2 * np.pi * seeds.generator().random()
         self._dc = np.complex64(stated.dc_offset * peak * np.exp(1j * angle))
 
-    def transmit(self, samples: np.ndarray) -> np.ndarray:
+    def transmit(self, _: int, samples: np.ndarray) -> np.ndarray:
         """What the transmitter sends instead of some samples."""
         return _with_image(samples, *self._sent)
 
-    def receive(self, samples: np.ndarray) -> None:
+    def receive(self, _: int, samples: np.ndarray) -> None:
         """Apply the receiver's amplifier and mixer in place."""
         if self._curvature:
             power = samples.real**2 + samples.imag**2
@@ -122,7 +117,7 @@ def _with_image(samples: np.ndarray, mu: complex, nu: complex) -> np.ndarray:
 class GainRipple:
     """Amplitude modulation 1 + a cos(2 pi f t + phi) of all that is received."""
 
-    def __init__(self, stated: "Ripple", ramp: Ramp, seeds: Seeds) -> None:
+    def __init__(self, stated: Ripple, ramp: Ramp, seeds: Seeds) -> None:
         self._amplitude, self._hz, self._ramp = stated.percent / 100, stated.hz, ramp
         self._start = seeds.generator().random()
 
@@ -142,7 +137,7 @@ _PHASE, _TRANSMITTER = 0, 1
 _ALIASES = np.arange(-16, 17)
 
 
-def phase_noise_density(stated: "RadioNoise", offset_hz: np.ndarray) -> np.ndarray:
+def phase_noise_density(stated: RadioNoise, offset_hz: np.ndarray) -> np.ndarray:
     """Two-sided density of the phase, in rad^2 per Hz, at offsets from the carrier.
 
     It is flat within the loops, and falls by 20 dB a decade beyond: D. B. Leeson, Proc. IEEE 54
@@ -154,7 +149,7 @@ def phase_noise_density(stated: "RadioNoise", offset_hz: np.ndarray) -> np.ndarr
 
 
 def noise_over_static(
-    stated: "RadioNoise", waveform: "Waveform", line_hz: float
+    stated: RadioNoise, waveform: Waveform, line_hz: float
 ) -> tuple[float, float]:
     """Variances over the static path's power, around a line, of phase and transmitter noise."""
     rate_hz = 1 / waveform.snapshot_period_s
@@ -181,7 +176,7 @@ class RadioNoiseSource:
 
     def __init__(
         self,
-        stated: "RadioNoise",
+        stated: RadioNoise,
         amplitude: float,
         ramp: Ramp,
         sample_rate_hz: float,
@@ -248,7 +243,7 @@ class Transmitter:
         self,
         seeds: Seeds,
         sample_rate_hz: float,
-        stated: "Bursts | Hopper",
+        stated: Bursts | Hopper,
         gain: complex,
         bandwidth: float,
     ) -> None:
@@ -315,7 +310,7 @@ class Transmitter:
 
 
 def transmitters(
-    simulation: "Simulation", sources: RandomSources, sample_rate_hz: float, noise_std: float
+    simulation: Simulation, sources: RandomSources, sample_rate_hz: float, noise_std: float
 ) -> list[Transmitter]:
     """The other transmitters of a scene, whose receiver has ``noise_std`` in a sample."""
     found = []
@@ -326,13 +321,13 @@ def transmitters(
     return found
 
 
-def power_over_noise(simulation: "Simulation") -> float:
+def power_over_noise(simulation: Simulation) -> float:
     """Power in a sample, relative to the receiver's noise, while all other transmitters are on."""
     found = _others(simulation)
     return sum((bandwidth * 10 ** (each.level_db / 10) for _, each, bandwidth in found), start=0.0)
 
 
-def _others(simulation: "Simulation") -> Iterator[tuple[str, "Bursts | Hopper", float]]:
+def _others(simulation: Simulation) -> Iterator[tuple[str, Bursts | Hopper, float]]:
     """Names, settings and bandwidths of the transmitters that a scene states."""
     if simulation.bursts:
         yield "bursts", simulation.bursts, 1.0
