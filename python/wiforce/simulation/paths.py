@@ -3,17 +3,14 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..scene import Scene
+from ..scene.effects import Fan, Hand, Lamps, OtherTag, Walker
 from ..signal.carrier import SPEED_OF_LIGHT_M_S
 from .random_sources import Ramp, RandomSources, RandomWalk, Seeds
 from .tag import SWITCHES, SwitchedTag, SwitchingClock, switch_states
-
-if TYPE_CHECKING:
-    from ..scene import Scene
-    from ..scene.effects import Fan, Hand, Lamps, OtherTag, Walker
 
 # Delay of the first path in samples, which leaves room for the interpolator, and of the last.
 BASE_DELAY = 2
@@ -94,7 +91,7 @@ NOISE_PEAK = 4.5
 class Levels:
     """Converts the levels of a scene to amplitudes; sent is the root of the mean preamble power."""
 
-    def __init__(self, scene: "Scene", amplitude: float) -> None:
+    def __init__(self, scene: Scene, amplitude: float) -> None:
         self._waveform, self._sent = scene.waveform(), amplitude
         averaging_cycles = scene.sensors[0].clock_hz * self._waveform.averaging_s
         self._tag_line = float(0.25 * np.sinc(0.25) * np.sinc(averaging_cycles))
@@ -142,7 +139,7 @@ class FanBlades:
     Doppler f_d and the revolutions f_r per second.
     """
 
-    def __init__(self, stated: "Fan", seeds: Seeds) -> None:
+    def __init__(self, stated: Fan, seeds: Seeds) -> None:
         rng = seeds.generator()
         self._turns_hz = stated.blade_hz / BLADES
         self._index = stated.highest_hz / self._turns_hz
@@ -173,7 +170,7 @@ _LAMP_POINTS = 16384
 class MainsLamps:
     """A path by way of lamps, with lines at all harmonics of twice the mains frequency."""
 
-    def __init__(self, stated: "Lamps", seeds: Seeds) -> None:
+    def __init__(self, stated: Lamps, seeds: Seeds) -> None:
         rng = seeds.generator()
         self._line_hz = 2 * stated.mains_hz
         harmonics = np.arange(1, max(1, int(_HIGHEST_HZ / self._line_hz)) + 1)
@@ -214,7 +211,7 @@ class Person:
     way.
     """
 
-    def __init__(self, stated: "Walker", center_frequency_hz: float, seeds: Seeds) -> None:
+    def __init__(self, stated: Walker, center_frequency_hz: float, seeds: Seeds) -> None:
         rng = seeds.generator()
         self._rng = seeds.generator(0)
         self._walk_s, self._trunk_hz = stated.walk_s, stated.highest_hz / _FASTEST_LIMB
@@ -228,7 +225,7 @@ class Person:
         # Delay in samples, and start in cycles, of each limb.
         self._limbs = [(delay + 0.1 * rng.random(), rng.random()) for _ in LIMBS]
 
-    def paths(self) -> "list[tuple[np.ndarray, float, Callable]]":
+    def paths(self) -> list[tuple[np.ndarray, float, Callable]]:
         """Taps, amplitude and gain, a function of time, of each of :data:`LIMBS`."""
         return [
             (delay_taps(delay), float(np.sqrt(power)), partial(self._gain, swing, phase, start))
@@ -286,7 +283,7 @@ class NearHand:
     """Gain p exp(-j 4 pi d / lambda) of a path by way of a hand that comes and sways."""
 
     def __init__(
-        self, stated: "Hand", tag: "SwitchedTag", scene: "Scene", rng: np.random.Generator
+        self, stated: Hand, tag: SwitchedTag, scene: Scene, rng: np.random.Generator
     ) -> None:
         self._stated, self._pressed = stated, tag.pressed
         self._wavelength_mm = 1e3 * SPEED_OF_LIGHT_M_S / scene.radio.center_frequency_hz
@@ -306,7 +303,7 @@ class NearHand:
 class UnlistedTag:
     """A tag whose sensor nobody presses: both ends reflect with constant phases."""
 
-    def __init__(self, stated: "OtherTag", scene: "Scene", rng: np.random.Generator) -> None:
+    def __init__(self, stated: OtherTag, scene: Scene, rng: np.random.Generator) -> None:
         self._rate = scene.radio.sample_rate_hz
         offset = stated.clock_offset_ppm
         self.clock = SwitchingClock(stated.clock_hz, offset, 0.0, abs(offset), rng.random())
@@ -327,7 +324,7 @@ ModulatedPath = tuple[np.ndarray, Callable[[int, int], np.ndarray]]
 
 
 def modulated_paths(
-    scene: "Scene", levels: Levels, sources: RandomSources, ramp: Ramp
+    scene: Scene, levels: Levels, sources: RandomSources, ramp: Ramp
 ) -> list[ModulatedPath]:
     """The paths by way of everything but the scene's tags; slow gains at the knots of ``ramp``."""
     simulation = scene.simulation
@@ -362,7 +359,7 @@ def modulated_paths(
 
 
 def tag_paths(
-    scene: "Scene", levels: Levels, sources: RandomSources, ramp: Ramp
+    scene: Scene, levels: Levels, sources: RandomSources, ramp: Ramp
 ) -> tuple[dict[str, SwitchedTag], list[ModulatedPath]]:
     """The scene's tags by sensor name, and the paths by way of them."""
     simulation = scene.simulation

@@ -1,30 +1,27 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Presses of a simulated scene on sensors and on the skin above them, and what the lines show."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..scene.simulated import Press
+from ..scene import Scene
+from ..scene.effects import Beam
+from ..scene.simulated import Move, Press, PressForce
 from ..scene.surface import bare_skin
+from ..sensor import SensorModel
 from ..signal.carrier import SPEED_OF_LIGHT_M_S
-
-if TYPE_CHECKING:
-    from ..scene import Scene
-    from ..scene.effects import Beam
-    from ..scene.simulated import Move, Press, PressForce
-    from ..sensor import SensorModel
-    from ..surface.skin import Skin
+from ..surface.skin import Skin
 
 # Physiological tremor of a hand lies between 8 and 12 Hz.
 TREMOR_HZ = (8.3, 9.7, 11.4)
 
 
-def press_force(press: "PressForce", time_s: np.ndarray) -> np.ndarray:
+def press_force(press: PressForce, time_s: np.ndarray) -> np.ndarray:
     """Force in N of a press at times (n,) within it, with the tremor of a hand that holds it."""
     force = np.interp(time_s, *_profile(press))
     if press.tremor_n:
@@ -35,13 +32,15 @@ def press_force(press: "PressForce", time_s: np.ndarray) -> np.ndarray:
     return force
 
 
-def shown_force(press: "PressForce", time_s: np.ndarray, beam: "Beam") -> np.ndarray:
+def shown_force(press: PressForce, time_s: np.ndarray, beam: Beam | None) -> np.ndarray:
     """Force in N that an elastic beam would need for the same contact, at times within a press.
 
     F + 4 h F (P - F) / P after the largest force P, and creep: c times the force through a filter
-    of first order that starts at zero (a standard linear solid).
+    of first order that starts at zero (a standard linear solid). Without ``beam``, F itself.
     """
     force = press_force(press, time_s)
+    if beam is None:
+        return force
     times, forces = _profile(press)
     reached = np.where(time_s >= times[1], forces[1], 0.0)
     reached = np.maximum(reached, np.where(time_s >= times[2], forces[2], 0.0))
@@ -52,7 +51,7 @@ def shown_force(press: "PressForce", time_s: np.ndarray, beam: "Beam") -> np.nda
     return shown
 
 
-def _profile(press: "PressForce") -> tuple[np.ndarray, list[float]]:
+def _profile(press: PressForce) -> tuple[np.ndarray, list[float]]:
     """Times and forces between which a press is linear."""
     times = press.start_s + np.cumsum([0, press.rise_s, press.hold_s, press.rise_s])
     return times, [0.0, press.force_n, press.end_force_n, 0.0]
@@ -91,6 +90,10 @@ class TouchState:
     phases_deg: np.ndarray  # (n, 2), psi_1, psi_2 in (-180, 180]
 
 
+# Force and location of a contact over time, (n,) each; location is NaN where nothing presses.
+Contact = tuple[np.ndarray, np.ndarray]
+
+
 class PressedSensor:
     """One sensor, pressed and moved as its scene states or as set; elastic without a ``beam``.
 
@@ -99,11 +102,11 @@ class PressedSensor:
 
     def __init__(
         self,
-        model: "SensorModel",
-        presses: Sequence["Press"],
-        moves: Sequence["Move"],
+        model: SensorModel,
+        presses: Sequence[Press],
+        moves: Sequence[Move],
         center_frequency_hz: float,
-        beam: "Beam | None" = None,
+        beam: Beam | None = None,
     ) -> None:
         self._model, self._beam, self._moves = model, beam, moves
         self._carrier_hz = center_frequency_hz
@@ -119,23 +122,21 @@ class PressedSensor:
         """Length of its line."""
         return self._model.length_mm
 
-    def hold(self, force_n: float | None, location_mm: float | None) -> None:
-        """Press with a constant force from now on; None returns to what the scene states."""
-        self._held = None
-        if force_n is not None and location_mm is not None:
-            self._held = float(force_n), float(location_mm)
+    def hold(self, force_n: float, location_mm: float) -> None:
+        """Press with a constant force from now on, instead of what the scene states."""
+        self._held = float(force_n), float(location_mm)
 
     def state(self, time_s: ArrayLike) -> TouchState:
         """State over time."""
         time_s = np.asarray(time_s, float)
-        force, location = _joined(self._contacts(time_s, press_force))
-        touch = self._touching(self._shown(time_s)).any(axis=0)
+        force, location = _joined(self._contacts(time_s))
+        touch = self._touching(self._contacts(time_s, self._beam)).any(axis=0)
         reflections = np.broadcast_to(self.reflections(time_s), (len(force), 2))
         return TouchState(touch, force, location, np.degrees(np.angle(reflections)))
 
     def reflections(self, time_s: np.ndarray) -> np.ndarray:
         """G_1 / rho and G_2 / rho over time, (n, 2), or (1, 2) when nothing changes."""
-        contacts = self._shown(time_s)
+        contacts = self._contacts(time_s, self._beam)
         touching = self._touching(contacts)
         used = [i for i, touch in enumerate(touching) if touch.any()] or [0]
         parts = [self._alone(*contacts[i]) for i in used]
@@ -166,7 +167,7 @@ class PressedSensor:
         untouched = self._model.phases_deg(0.0, 0.0, self._carrier_hz)
         passing = 2 * np.exp(1j * np.deg2rad(untouched.sum() / 4))
         alone = np.exp(1j * np.deg2rad(untouched)).sum()
-        touch = self._touching(self._shown(time_s)).any(axis=0)
+        touch = self._touching(self._contacts(time_s, self._beam)).any(axis=0)
         return np.where(touch, 0.0, passing - alone)
 
     def near(self, time_s: np.ndarray, reach_s: float) -> np.ndarray:
@@ -190,17 +191,11 @@ class PressedSensor:
         )
         return np.exp(-4j * np.pi * distance * self._carrier_hz / SPEED_OF_LIGHT_M_S)
 
-    def _shown(self, time_s: ArrayLike) -> "list[Contact]":
-        """The contacts with the forces that an elastic beam would need for them."""
-        beam = self._beam
-        if beam is None:
-            return self._contacts(time_s, press_force)
-        return self._contacts(time_s, lambda press, times: shown_force(press, times, beam))
+    def _contacts(self, time_s: ArrayLike, beam: Beam | None = None) -> list[Contact]:
+        """Force and location (n,) of the presses of each layer; or of what is held.
 
-    def _contacts(
-        self, time_s: ArrayLike, force_of: Callable[["Press", np.ndarray], np.ndarray]
-    ) -> "list[Contact]":
-        """Force and location (n,) of the presses of each layer; or of what is held."""
+        With a ``beam``, the force that an elastic one would need for the same contact.
+        """
         time_s = np.asarray(time_s, float)
         if self._held is not None:
             return [(np.full(time_s.shape, self._held[0]), np.full(time_s.shape, self._held[1]))]
@@ -213,11 +208,11 @@ class PressedSensor:
             for press in layer[max(first - 1, 0) : last]:
                 during = (time_s >= press.start_s) & (time_s < press.end_s)
                 location[during] = press.location_mm
-                force[during] = force_of(press, time_s[during])
+                force[during] = shown_force(press, time_s[during], beam)
             found.append((force, location))
         return found
 
-    def _touching(self, contacts: "list[Contact]") -> np.ndarray:
+    def _touching(self, contacts: list[Contact]) -> np.ndarray:
         """Whether each contact shorts the line; shape (layers, n)."""
         return np.array([force >= self._model.onset_force_n for force, _ in contacts])
 
@@ -230,10 +225,6 @@ class PressedSensor:
 
     def _reflections(self, force: ArrayLike, location: ArrayLike) -> np.ndarray:
         return np.exp(1j * np.deg2rad(self._model.phases_deg(force, location, self._carrier_hz)))
-
-
-# Force and location of a contact over time, (n,) each; location is NaN where nothing presses.
-Contact = tuple[np.ndarray, np.ndarray]
 
 
 def _joined(contacts: list[Contact]) -> Contact:
@@ -258,7 +249,7 @@ def _layers(presses: Sequence[Press]) -> list[list[Press]]:
     return layers
 
 
-def _progress(move: "Move", time_s: np.ndarray) -> np.ndarray:
+def _progress(move: Move, time_s: np.ndarray) -> np.ndarray:
     """Part of a move that is done, 0..1; shape (n,)."""
     if move.duration_s == 0:
         return (time_s >= move.start_s).astype(float)
@@ -285,7 +276,7 @@ def plate_share(distance_mm: ArrayLike, reach_mm: float, bearing_mm: float) -> n
     return np.maximum(share, 0.0)
 
 
-def strip_presses(scene: "Scene", skin: "Skin", strip: int) -> list[Press]:
+def strip_presses(scene: Scene, skin: Skin, strip: int) -> list[Press]:
     """The presses on one strip that those on the surface cause; they may overlap."""
     plate, own = scene.simulation.plate, skin.strips[strip]
     bearing_mm = plate.bearing_mm or skin.spacing_mm
@@ -309,7 +300,7 @@ def strip_presses(scene: "Scene", skin: "Skin", strip: int) -> list[Press]:
     return found
 
 
-def pressed_sensor(scene: "Scene", index: int) -> PressedSensor:
+def pressed_sensor(scene: Scene, index: int) -> PressedSensor:
     """One sensor with the presses on it and on the surface."""
     simulation, name = scene.simulation, scene.sensors[index].name
     tag = simulation.tags[index]
@@ -322,7 +313,7 @@ def pressed_sensor(scene: "Scene", index: int) -> PressedSensor:
     return PressedSensor(model, presses, moves, carrier_hz, tag.beam)
 
 
-def surface_truth(scene: "Scene", time_s: np.ndarray) -> list[list[dict[str, Any]]]:
+def surface_truth(scene: Scene, time_s: np.ndarray) -> list[list[dict[str, Any]]]:
     """Rows of truth of the surface at given times: presses that began first, by order of names."""
     names = () if scene.surface is None else scene.surface.names
     presses = sorted(scene.simulation.surface_presses, key=lambda press: press.start_s)

@@ -8,18 +8,15 @@ deliberately shares no code with this one, so that a mistake in either shows in 
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..scene import Scene
+from ..scene.schema import SceneSensor
+from ..scene.simulated import Tag
 from .presses import pressed_sensor
 from .random_sources import Ramp, RandomSources, RandomWalk, Seeds, reflected
-
-if TYPE_CHECKING:
-    from ..scene import Scene
-    from ..scene.schema import SceneSensor
-    from ..scene.simulated import Tag
 
 # A switch: cycles of its clock per cycle of clock 1, and the interval of a cycle in which it is on.
 Switch = tuple[float, tuple[float, float]]
@@ -227,7 +224,7 @@ def _ramp_area(x: np.ndarray, rise: float) -> np.ndarray:
 class SwitchedTag:
     """Reflection of a tag, by knots of ``ramp``, while its clock runs; ``on`` False removes it."""
 
-    def __init__(self, scene: "Scene", index: int, sources: RandomSources, ramp: Ramp) -> None:
+    def __init__(self, scene: Scene, index: int, sources: RandomSources, ramp: Ramp) -> None:
         sensor, simulation = scene.sensors[index], scene.simulation
         tag = simulation.tags[index]
         self.name, self.on = sensor.name, True
@@ -301,7 +298,7 @@ _PERIODS_AT_ONCE = 1024
 
 
 def _clock(
-    sensor: "SceneSensor", tag: "Tag", duration_s: float, index: int, sources: RandomSources
+    sensor: SceneSensor, tag: Tag, duration_s: float, index: int, sources: RandomSources
 ) -> SwitchingClock:
     """The clock of a tag as the scene states it."""
     last_ppm = tag.clock_offset_ppm + tag.clock_drift_ppm_per_s * duration_s
@@ -319,7 +316,7 @@ def _clock(
 
 
 def irregularities(
-    tag: "Tag", clock_hz: float, seeds: Seeds, index: int
+    tag: Tag, clock_hz: float, seeds: Seeds, index: int
 ) -> tuple[RandomWalk | None, RandomWalk | None, Callable[[np.ndarray], np.ndarray] | None]:
     """Wander, delay that accumulates, and jitter of a tag's clock; None of those not stated."""
     wander = late = early_s = None
