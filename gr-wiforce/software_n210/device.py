@@ -57,7 +57,6 @@ class WallClock:
         return max(due, 0)
 
     def seconds_for(self, ticks):
-        """Wall time of `ticks`."""
         return ticks / self._ticks_per_second
 
 
@@ -66,8 +65,7 @@ class Throttle:
 
     def __init__(self):
         self._table = os.open("/proc/net/udp", os.O_RDONLY)
-        self._last_backlog = {}
-        self._changed_s = {}
+        self._backlog, self._changed_s = (None, 0), 0.0  # of a peer, and since when
         self._tx_arrival_s = 0.0
         self._tx_short_s = None  # since when transmit samples are missing
 
@@ -75,7 +73,6 @@ class Throttle:
         os.close(self._table)
 
     def tx_arrived(self):
-        """Note that transmit packets have arrived."""
         self._tx_arrival_s = time.monotonic()
 
     def room(self, peer, size):
@@ -84,10 +81,9 @@ class Throttle:
         if queued is None:
             return None
         now = time.monotonic()
-        if queued != self._last_backlog.get(peer):
-            self._last_backlog[peer] = queued
-            self._changed_s[peer] = now
-        if now - self._changed_s[peer] > _HOLD_LIMIT_S:
+        if self._backlog != (peer, queued):
+            self._backlog, self._changed_s = (peer, queued), now
+        if now - self._changed_s > _HOLD_LIMIT_S:
             queued = 0  # the host does not read, so samples are lost as on a network
         return max(_BACKLOG_LIMIT - queued, 0) // (size + _DATAGRAM_OVERHEAD)
 
@@ -143,7 +139,6 @@ class Fault:
     argument: int | str
 
     def apply(self, hardware):
-        """Let it happen now."""
         _KINDS[self.kind][1](hardware, self.argument)
 
 
@@ -207,9 +202,7 @@ class Device:
         for fault in faults:
             self.add_fault(fault)
         self._sockets = Sockets(address)
-        self._hardware = Hardware(
-            air, address, self._sockets.receive_buffer(TX_PORT), lambda: self._link.discard()
-        )
+        self._hardware = Hardware(air, address, self._sockets.receive_buffer(TX_PORT))
         self._wall = WallClock(speed)
         self._throttle = Throttle()
         self._link = HostLink(self._sockets, self._hardware, self._throttle)
@@ -220,7 +213,6 @@ class Device:
         self.watched: dict[int, Callable[[], None]] = {}
 
     def add_fault(self, fault: Fault) -> None:
-        """Schedule one more fault."""
         if isinstance(fault.argument, str):
             self.air.sensor(fault.argument)  # refuses one that is not on the air
         self._faults.append(fault)
@@ -230,12 +222,10 @@ class Device:
         self._stop = True
 
     def close(self) -> None:
-        """Give back ports and files."""
         self._sockets.close()
         self._throttle.close()
 
     def run(self) -> None:
-        """Serve until `stop`."""
         wait_s = 0.0
         while not self._stop:
             ready, _, _ = select.select([*self._port_of, *self.watched], [], [], wait_s)
@@ -300,7 +290,7 @@ class Device:
     def _step(self, start, end):
         """Everything that happens between two ticks: transmit, receive, then what is due."""
         hardware = self._hardware
-        self._link.queue(hardware.run(start, end))
+        hardware.run(start, end)
         self._link.deliver()
         if hardware.streaming:
             self._sent.append((hardware.clock.to_time(end) / TICK_RATE, time.monotonic()))

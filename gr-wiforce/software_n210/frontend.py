@@ -155,11 +155,9 @@ class SampleHistory:
         self._segments = deque()
 
     def append(self, tick, spacing, samples):
-        """Add samples that start at `tick`, one every `spacing` ticks."""
         self._segments.append((tick, spacing, samples))
 
     def forget(self, tick):
-        """Drop samples that ended before `tick`."""
         while self._segments:
             start, spacing, samples = self._segments[0]
             if start + (len(samples) + 1) * spacing > tick:
@@ -189,11 +187,9 @@ class Cable:
         self.front_end = None
 
     def restart(self):
-        """Forget the last session."""
         self._sent = SampleHistory()
 
     def forget(self, tick):
-        """Drop samples that cannot be received after `tick` any more."""
         self._sent.forget(tick - self._delay)
 
     def transmit(self, tick, spacing, samples):
@@ -207,7 +203,6 @@ class Cable:
         return samples * amplitude(self.front_end.rx_gain_db)
 
     def status(self):
-        """State beyond the device's own, as plain values."""
         return {}
 
     def sensor(self, name):

@@ -4,7 +4,6 @@
 import ipaddress
 import struct
 from collections import deque
-from dataclasses import dataclass
 
 from .frontend import FrontEnd
 from .receive import ReceiveChain
@@ -41,11 +40,6 @@ class DeviceClock:
         self._low = 0
         self._immediate = False
         self._at_pulse = None
-
-    @property
-    def time(self):
-        """Device time in ticks."""
-        return self.to_time(self.ticks)
 
     def to_ticks(self, time):
         """Ticks since power-on of a device time."""
@@ -101,9 +95,8 @@ class Registers:
                 poke(index - base, value)
 
     def peek(self, index):
-        """A readback word."""
         if index in (10, 11):
-            return _word(self._clock.time, index - 10)
+            return _word(self._clock.to_time(self._clock.ticks), index - 10)
         if index in (14, 15):
             return _word(self._clock.last_pulse, index - 14)
         # Word 9, the daughterboards' pins, reads all ones: every oscillator is locked.
@@ -256,23 +249,13 @@ _TYPE_CONTEXT = 0x40000000
 _MOST_COMMANDS = 4096
 
 
-@dataclass(frozen=True)
-class Command:
-    """A register access; `time` in ticks of device time, None for immediately."""
-
-    peer: tuple
-    sequence: int
-    control: int
-    value: int
-    time: int | None
-
-
 class Fifo:
     """The queue of commands; a timed command holds all commands behind it."""
 
     def __init__(self, registers, clock):
         self._registers = registers
         self._clock = clock
+        # Of each: device time in ticks or None, peer, sequence, control word and value.
         self._queue = deque()
         self.clear = self._queue.clear
 
@@ -288,13 +271,12 @@ class Fifo:
         if len(self._queue) >= _MOST_COMMANDS:
             raise Malformed("command queue is full")
         *time, control, value = layout.unpack_from(datagram, 8)
-        self._queue.append(Command(peer, sequence, control, value, time[0] if timed else None))
+        self._queue.append((time[0] if timed else None, peer, sequence, control, value))
 
     def next_tick(self):
         """Tick at which the first command is due, or None when it is untimed or there is none."""
-        if self._queue and self._queue[0].time is not None:
-            return self._clock.to_ticks(self._queue[0].time)
-        return None
+        time = self._queue[0][0] if self._queue else None
+        return None if time is None else self._clock.to_ticks(time)
 
     def run(self):
         """Execute all commands that are due; list of (reply, peer)."""
@@ -303,13 +285,13 @@ class Fifo:
             due = self.next_tick()
             if due is not None and due > self._clock.ticks:
                 break
-            command = self._queue.popleft()
-            index, value = command.control & 0xFF, 0
-            if command.control & _POKE:
-                self._registers.poke(index, command.value)
+            _, peer, sequence, control, written = self._queue.popleft()
+            index, read = control & 0xFF, 0
+            if control & _POKE:
+                self._registers.poke(index, written)
             else:
-                value = self._registers.peek(index)
-            replies.append((fifo_reply(command.sequence, command.control, value), command.peer))
+                read = self._registers.peek(index)
+            replies.append((fifo_reply(sequence, control, read), peer))
         return replies
 
 
@@ -321,13 +303,12 @@ _IDLE_STEP_TICKS = 10_000_000
 class Hardware:
     """Registers, streams and air of one device, at an ``address`` that its EEPROM states."""
 
-    def __init__(self, air, address, tx_socket_bytes, on_close):
+    def __init__(self, air, address, tx_socket_bytes):
         self.air = air
         self.clock = DeviceClock()
         self.transmit = TransmitChain(self.clock, air, tx_socket_bytes)
         self.receive = ReceiveChain(self.clock, air)
         self.front_end = air.front_end = FrontEnd(self.transmit.dsp)
-        self._on_close = on_close
         registers = Registers(
             self.clock,
             (SR_SPI, 3, self.front_end.poke_spi),
@@ -364,9 +345,9 @@ class Hardware:
         return min(ticks)
 
     def run(self, start, end):
-        """Let both directions run up to ``end``; packets to send, and the size of each."""
+        """Let both directions run up to ``end``."""
         self.transmit.run(start, end)
-        return self.receive.run(start, end)
+        self.receive.run(start, end)
 
     def advance(self, tick):
         """Move the clock to `tick`, up to which everything has run."""
@@ -374,10 +355,9 @@ class Hardware:
         self.air.forget(tick)
 
     def status(self):
-        """State and counters as a dict of plain values."""
         begun = self.receive.stream_start
         return {
-            "device_time_s": self.clock.time / TICK_RATE,
+            "device_time_s": self.clock.to_time(self.clock.ticks) / TICK_RATE,
             "streaming_s": 0.0 if begun is None else (self.clock.ticks - begun) / TICK_RATE,
             "rx_streaming": self.receive.active,
             "tx_streaming": self.transmit.in_burst,
@@ -396,9 +376,9 @@ class Hardware:
     def _end_session(self):
         """Return to the state after power-on, for the next host."""
         self.receive.stop()
+        self.receive.packets.ready.clear()
         self.receive.stream_start = None
         self.air.restart()
-        self._on_close()
 
 
 def _i2c_bus(address):

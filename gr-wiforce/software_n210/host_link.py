@@ -5,7 +5,7 @@ import errno
 import ipaddress
 import socket
 import struct
-from collections import Counter, deque
+from collections import Counter
 
 from gnuradio.wiforce.errors import InputError
 
@@ -39,14 +39,14 @@ def check_loopback(address):
     raise InputError("--bind", "must be a loopback address, 127.0.0.0/8", address)
 
 
-class Sockets:
+class Sockets(dict):
     """One socket per port of the device, at a loopback IPv4 address."""
 
     def __init__(self, address):
-        self._sockets = {}
+        super().__init__()
         try:
             for port in ALL_PORTS:
-                self._sockets[port] = _bound(address, port)
+                self[port] = _bound(address, port)
         except OSError as error:
             self.close()
             if error.errno == errno.EADDRINUSE:
@@ -56,22 +56,17 @@ class Sockets:
             raise InputError("--bind", rule, address) from error
 
     def close(self):
-        """Close all sockets."""
-        for sock in self._sockets.values():
+        for sock in self.values():
             sock.close()
-        self._sockets = {}
+        self.clear()
 
     def receive_buffer(self, port):
         """Capacity of a port's receive buffer in bytes, the kernel's overhead included."""
-        return self._sockets[port].getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
-
-    def items(self):
-        """Pairs of port and socket."""
-        return self._sockets.items()
+        return self[port].getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
 
     def drain(self, port):
         """All datagrams that are queued at a port, as (bytes, peer)."""
-        receive = self._sockets[port].recvfrom
+        receive = self[port].recvfrom
         received = []
         try:
             while len(received) < _MOST_AT_ONCE:
@@ -83,7 +78,7 @@ class Sockets:
     def send(self, port, datagram, peer):
         """Send a datagram; it is lost when the receiver is full or absent, as on a network."""
         try:
-            self._sockets[port].sendto(datagram, peer)
+            self[port].sendto(datagram, peer)
         except OSError:
             pass  # also where no address is one to send to: of a forged datagram
 
@@ -93,7 +88,7 @@ class Sockets:
         control = [(_SOL_UDP, _UDP_SEGMENT, struct.pack("=H", size))]
         for start in range(0, len(data), step):
             try:
-                self._sockets[port].sendmsg([data[start : start + step]], control, 0, peer)
+                self[port].sendmsg([data[start : start + step]], control, 0, peer)
             except OSError:
                 pass  # lost, as by `send`, or since the system has no buffers
 
@@ -126,7 +121,6 @@ class HostLink:
         self._hardware = hardware
         self._throttle = throttle
         self._rx_peer = self._tx_peer = None
-        self._outbox = deque()
 
     def serve(self, ready):
         """Take what has arrived at the ports in `ready`, a set."""
@@ -151,15 +145,13 @@ class HostLink:
         for reply, peer in self._hardware.fifo.run():
             self._sockets.send(FIFO_PORT, reply, peer)
 
-    def queue(self, packets):
-        """Queue received packets for the host; nothing is kept while no host listens."""
-        if self._rx_peer is not None:
-            self._outbox.extend((memoryview(data), size) for data, size in packets)
-
     def deliver(self):
-        """Send queued packets; False when the host has no room for all of them yet."""
-        while self._outbox:
-            data, size = self._outbox.popleft()
+        """Send received packets; False when the host has no room for all of them yet."""
+        packets = self._hardware.receive.packets.ready
+        if self._rx_peer is None:  # nothing is kept while no host listens
+            packets.clear()
+        while packets:
+            data, size = packets.popleft()
             room = self._throttle.room(self._rx_peer, size)
             if room is None:  # the host's socket is closed
                 self._hardware.receive.stop()
@@ -167,20 +159,16 @@ class HostLink:
             part, rest = data[: room * size], data[room * size :]
             self._sockets.send_segments(RX_PORT, part, size, self._rx_peer)
             if rest:
-                self._outbox.appendleft((rest, size))
+                packets.appendleft((rest, size))
                 return False
         return True
 
-    def discard(self):
-        """Drop queued packets."""
-        self._outbox.clear()
-
     def send_reports(self):
-        """Send the transmit stream's reports that are due."""
-        reports = self._hardware.transmit.flow.take()
+        reports = self._hardware.transmit.flow.reports
         if self._tx_peer is not None:
             for report in reports:
                 self._sockets.send(TX_PORT, report, self._tx_peer)
+        reports.clear()
 
     def _handle(self, datagrams, handle):
         """Handle datagrams one by one; malformed ones are counted and ignored."""

@@ -30,16 +30,14 @@ class PacketStream:
         self._stream_id = 3
         self._packet_count = 0
         self._lose = 0
-        self._ready = []
+        self.ready = deque()  # what is to be sent: packets of one size, and this size, in bytes
         self.discard()
 
     @property
     def pending(self):
-        """Number of samples that do not fill a packet yet."""
         return len(self._partial)
 
     def discard(self):
-        """Drop the samples that do not fill a packet yet."""
         self._partial = np.empty((0, 2), ">i2")
         self._first_tick, self._spacing = 0, 1
 
@@ -69,7 +67,6 @@ class PacketStream:
             self.flush(end_of_burst=True)
 
     def flush(self, end_of_burst=False):
-        """Send what remains as one short packet."""
         if self.pending:
             samples, self._partial = self._partial, self._partial[:0]
             self._send(samples, len(samples), self._first_tick, end_of_burst)
@@ -77,12 +74,7 @@ class PacketStream:
     def error(self, code, tick):
         """Send an error packet, which takes no number of its own."""
         packet = rx_error(self._packet_count, self._stream_id, self._clock.to_time(tick), code)
-        self._ready.append((packet, len(packet)))
-
-    def take(self):
-        """Packets to send, which leave the stream; list of (bytes, packet size)."""
-        ready, self._ready = self._ready, []
-        return ready
+        self.ready.append((memoryview(packet), len(packet)))
 
     def _send(self, samples, size, tick, end_of_burst=False):
         """Packets of one size, built as one array."""
@@ -102,7 +94,7 @@ class PacketStream:
         self.dropped_packets += lost
         block = block[lost:]
         if len(block):
-            self._ready.append((block.tobytes(), block.shape[1] * 4))
+            self.ready.append((memoryview(block.tobytes()), block.shape[1] * 4))
 
 
 _NOW, _RELOAD, _STOP = 1 << 31, 1 << 29, 1 << 28
@@ -119,12 +111,6 @@ class StreamCommand:
     now: bool = False
     reload: bool = False
     stop: bool = False
-
-    @classmethod
-    def latched(cls, word, time):
-        """The command in a register, whose time is in another one."""
-        bits = (_NOW, _RELOAD, _STOP)
-        return cls(word & _COUNT, time, *(bool(word & bit) for bit in bits))
 
 
 class ReceiveChain:
@@ -162,7 +148,9 @@ class ReceiveChain:
             time = self._command_time & ~0xFFFFFFFF | value
             self._command_time = time
             if len(self._queue) < _MAX_QUEUE:
-                self._queue.append(StreamCommand.latched(self._command_word, time))
+                word = self._command_word
+                bits = (bool(word & bit) for bit in (_NOW, _RELOAD, _STOP))
+                self._queue.append(StreamCommand(word & _COUNT, time, *bits))
         elif register == 5:
             self.packets.restart(value)
         elif register == 7:
@@ -173,12 +161,10 @@ class ReceiveChain:
 
     @property
     def active(self):
-        """Whether a command runs now."""
         return self._command is not None
 
     @property
     def waiting(self):
-        """Whether a command runs or is queued."""
         return self.active or bool(self._queue)
 
     def finish_tick(self):
@@ -194,10 +180,9 @@ class ReceiveChain:
         return tick + (max(count, 1) - 1) * self.dsp.ticks_per_sample + 1
 
     def run(self, start, end):
-        """Receive from tick `start` up to `end`; list of (bytes, packet size) to send."""
+        """Receive from tick `start` up to `end`."""
         while self._begin(start, end) and self._receive(end):
             pass
-        return self.packets.take()
 
     def overflow(self, samples):
         """Report an overflow, and continue after `samples`."""
@@ -261,7 +246,6 @@ class ReceiveChain:
             self._take(command, self._next_tick)
 
     def _collect(self, count, end_of_burst=False):
-        """Receive `count` samples and hand them to the packets."""
         spacing = self.dsp.ticks_per_sample
         samples = np.empty(0, np.complex64)
         if count:

@@ -37,7 +37,6 @@ class Packet:
 
     @property
     def samples(self):
-        """Number of samples not transmitted yet."""
         return len(self.payload) // 4
 
 
@@ -75,10 +74,9 @@ class FlowControl:
         self.clear()
 
     def clear(self):
-        """Forget the packets of the last stream."""
         self._consumed = 0
         self._unreported = 0
-        self._reports = []
+        self.reports = []  # to be sent
 
     def report_every_packets(self, value):
         """Set the register by which the driver asks for reports per number of packets."""
@@ -97,15 +95,9 @@ class FlowControl:
         self._unreported = 0
         time = self._clock.to_time(tick)
         acknowledged = self._consumed - self._withheld & 0xFFFFFFFF
-        self._reports.append(
-            tx_report(self._report_count, self.stream_id, time, event, acknowledged)
-        )
+        report = tx_report(self._report_count, self.stream_id, time, event, acknowledged)
+        self.reports.append(report)
         self._report_count += 1
-
-    def take(self):
-        """Reports to send, which leave the queue; list of bytes."""
-        reports, self._reports = self._reports, []
-        return reports
 
     def _fit_window_to_socket(self):
         """Acknowledge fewer packets, so that the host's window fits the socket."""
@@ -156,12 +148,10 @@ class TransmitChain:
 
     @property
     def in_burst(self):
-        """Whether a burst is on the air."""
         return self._next_tick is not None
 
     @property
     def busy(self):
-        """Whether a burst is on the air or queued."""
         return self.in_burst or bool(self._queue)
 
     def accept(self, datagram):

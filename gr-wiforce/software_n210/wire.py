@@ -67,12 +67,10 @@ def is_announcement(datagram):
 
 
 def rx_header(count, payload_words):
-    """First word of a receive data packet."""
     return _RX_DATA | (count & 15) << 16 | (payload_words + RX_OVERHEAD_WORDS)
 
 
 def rx_trailer(end_of_burst=False):
-    """Last word of a receive data packet."""
     return _RX_TRAILER | (_RX_TRAILER_END if end_of_burst else 0)
 
 
