@@ -90,30 +90,19 @@ def _as_complex(value: Any) -> complex | None:
     return None if real is None or imaginary is None else complex(real, imaginary)
 
 
-_SUFFIX = ".npy"
-_LONGEST = 255
-
-
-class WaveformName(ValueType):
+class WaveformName(Text):
     """The name of a shipped waveform, or the path of a ``.npy`` file with a symbol."""
 
     @property
     def allowed(self) -> str:
-        return f"{', '.join(map(repr, WAVEFORMS))} or a path that ends in {_SUFFIX}"
+        return f"{', '.join(map(repr, WAVEFORMS))} or a path that ends in .npy"
 
     def _converted(self, value: Any) -> str | None:
-        if isinstance(value, str) and value in WAVEFORMS:
-            return value
-        is_file = isinstance(value, str) and value.isprintable() and len(value) <= _LONGEST
-        return value if is_file and value.lower().endswith(_SUFFIX) else None
+        name = super()._converted(value)
+        return name if name in WAVEFORMS or (name or "").lower().endswith(".npy") else None
 
     def _json_schema(self) -> dict[str, Any]:
-        path = {
-            "type": "string",
-            "pattern": r"\.[nN][pP][yY]$",
-            "not": {"type": "string", "pattern": r"[\x00-\x1f\x7f]"},
-            "maxLength": _LONGEST,
-        }
+        path = super()._json_schema() | {"pattern": r"\.[nN][pP][yY]$"}
         return {"anyOf": [{"enum": list(WAVEFORMS)}, path]}
 
 
