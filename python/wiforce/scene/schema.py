@@ -374,8 +374,12 @@ class Scene:
         """The sounding frame of this scene, or what its packets are."""
         if self.packets:
             own = self.packets
+            # Channels per subcarrier without an oscillator's phase, of all antennas together.
+            antennas = self.environment.receive_antennas
+            if self.environment.reader_clock == "free":
+                antennas = max(antennas - 1, 1)
             return packet_waveform(
-                own.interval_s, own.window_s, own.subcarriers, own.spacing_hz, self.null_antennas
+                own.interval_s, own.window_s, own.subcarriers, own.spacing_hz, antennas
             )
         return self.sounding.waveform_at(self.radio.sample_rate_hz)
 
@@ -401,12 +405,6 @@ class Scene:
         if self.packets:
             return self.packets.interval_s
         return self.sounding.frame_length / self.radio.sample_rate_hz
-
-    @property
-    def null_antennas(self) -> int:
-        """Channels per subcarrier without an oscillator's phase, of all antennas together."""
-        antennas = self.environment.receive_antennas
-        return max(antennas - 1, 1) if self.environment.reader_clock == "free" else antennas
 
     @property
     def group_samples(self) -> int:

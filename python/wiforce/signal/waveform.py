@@ -238,19 +238,21 @@ def sounding_waveform(
             if value is not None:
                 raise InputError(key, "does not apply to the waveform 'wifi'", value)
         _check_symbol_length(symbol_length, _WIFI_SYMBOL)
-        _check_frame_length(frame_length, _WIFI_PREAMBLE)
-        return _wifi(name, int(frame_length), float(sample_rate_hz))
+        frame_length = _checked_frame_length(frame_length, _WIFI_PREAMBLE)
+        return _wifi(name, frame_length, float(sample_rate_hz))
     sent, averaged = _checked_repetitions(repetitions, averaged_repetitions)
     if symbol is None and name in SYMBOLS:
         formula, default = SYMBOLS[name]
-        symbol = formula(_checked_length(default if symbol_length is None else symbol_length))
+        length = default if symbol_length is None else symbol_length
+        rule = f"an integer from {SHORTEST_SYMBOL} to {LONGEST_SYMBOL}"
+        symbol = formula(_integer("symbol_length", length, rule, SHORTEST_SYMBOL, LONGEST_SYMBOL))
     if symbol is None:
         if not name.lower().endswith(".npy"):
             rule = " or ".join(f"'{each}'" for each in WAVEFORMS)
             raise InputError("waveform", f"must be {rule} or a .npy file", name)
         symbol = read_symbol(name)
     _check_symbol_length(symbol_length, len(symbol))
-    _check_frame_length(frame_length, sent * len(symbol))
+    frame_length = _checked_frame_length(frame_length, sent * len(symbol))
     first = (sent - averaged) * len(symbol)
     if first == 0 and frame_length > sent * len(symbol):
         rule = (
@@ -258,7 +260,7 @@ def sounding_waveform(
             f"up echoes"
         )
         raise InputError("averaged_repetitions", rule, averaged)
-    return _of_symbol(name, int(frame_length), float(sample_rate_hz), symbol, sent, averaged)
+    return _of_symbol(name, frame_length, float(sample_rate_hz), symbol, sent, averaged)
 
 
 def _wifi(name: str, frame_length: int, sample_rate_hz: float) -> Waveform:
@@ -305,31 +307,26 @@ def _check_symbol_length(stated: int | None, length: int) -> None:
         raise InputError("symbol_length", f"must be {length}, as this symbol has", stated)
 
 
-def _check_frame_length(frame_length: int, least: int) -> None:
-    if int(frame_length) != frame_length or frame_length < least:
-        rule = f"must be an integer >= {least}, the samples of the preamble"
-        raise InputError("frame_length", rule, frame_length)
+def _checked_frame_length(frame_length: int, least: int) -> int:
+    rule = f"an integer >= {least}, the samples of the preamble"
+    return _integer("frame_length", frame_length, rule, least)
 
 
-def _checked_length(length: int) -> int:
-    if int(length) != length or not SHORTEST_SYMBOL <= length <= LONGEST_SYMBOL:
-        rule = f"must be an integer from {SHORTEST_SYMBOL} to {LONGEST_SYMBOL}"
-        raise InputError("symbol_length", rule, length)
-    return int(length)
+def _integer(key: str, value: int, rule: str, least: int, most: float = np.inf) -> int:
+    if int(value) != value or not least <= value <= most:
+        raise InputError(key, f"must be {rule}", value)
+    return int(value)
 
 
 def _checked_repetitions(sent: int | None, averaged: int | None) -> tuple[int, int]:
     """Symbols sent, and the last of them that are averaged."""
     if sent is None:
         sent = _REPETITIONS if averaged is None else max(_REPETITIONS, int(averaged) + 1)
-    if int(sent) != sent or sent < 1:
-        raise InputError("repetitions", "must be a positive integer", sent)
+    sent = _integer("repetitions", sent, "a positive integer", 1)
     if averaged is None:
-        averaged = max(int(sent) - 1, 1)
-    if int(averaged) != averaged or not 1 <= averaged <= sent:
-        rule = f"must be an integer from 1 to repetitions ({sent})"
-        raise InputError("averaged_repetitions", rule, averaged)
-    return int(sent), int(averaged)
+        averaged = max(sent - 1, 1)
+    rule = f"an integer from 1 to repetitions ({sent})"
+    return sent, _integer("averaged_repetitions", averaged, rule, 1, sent)
 
 
 # Name of the waveform in plans and messages.
