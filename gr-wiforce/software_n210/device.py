@@ -216,6 +216,7 @@ class Device:
         if isinstance(fault.argument, str):
             self.air.sensor(fault.argument)  # refuses one that is not on the air
         self._faults.append(fault)
+        self._faults.sort(key=lambda fault: fault.time)
 
     def stop(self) -> None:
         """Make `run` return; may be called from a signal handler."""
@@ -253,8 +254,8 @@ class Device:
     def _advance(self):
         """Move device time on by at most one step; seconds to wait before the next."""
         hardware = self._hardware
-        for fault in self._due_faults():
-            fault.apply(hardware)
+        while self._fault_tick() <= hardware.clock.ticks:
+            self._faults.pop(0).apply(hardware)
             self._faults_applied += 1
         if not self._link.deliver():
             return _HOLD_WAIT_S
@@ -271,21 +272,14 @@ class Device:
             self._step(start, end)
         return self._wait_after(end)
 
-    def _due_faults(self):
-        """Faults that are due, earliest first; they leave the queue."""
-        begun, now = self._hardware.receive.stream_start, self._hardware.clock.ticks
-        if begun is None:
-            return []
-        due = [fault for fault in self._faults if begun + fault.time <= now]
-        self._faults = [fault for fault in self._faults if begun + fault.time > now]
-        return sorted(due, key=lambda fault: fault.time)
+    def _fault_tick(self):
+        """Tick of the next fault; infinite without one, or without a stream."""
+        begun = self._hardware.receive.stream_start
+        return math.inf if begun is None or not self._faults else begun + self._faults[0].time
 
     def _until_event(self, start, end):
         """End a step where something must act, or where a host may want to answer."""
-        begun = self._hardware.receive.stream_start
-        if self._faults and begun is not None:
-            end = min(end, max(begun + min(fault.time for fault in self._faults), start))
-        return self._hardware.next_event(start, end)
+        return self._hardware.next_event(start, min(end, max(self._fault_tick(), start)))
 
     def _step(self, start, end):
         """Everything that happens between two ticks: transmit, receive, then what is due."""
