@@ -144,9 +144,14 @@ def daughterboard_image(board_id):
 class I2cBus:
     """EEPROMs by address, which identify the device, and so are protected against any peer."""
 
-    def __init__(self, images):
-        self._images = images
-        self._pointers = dict.fromkeys(images, 0)
+    def __init__(self, address):
+        serial = "".join(f"{int(part):02x}" for part in address.split("."))
+        self._images = {
+            MOTHERBOARD: motherboard_image(address, serial),
+            DAUGHTERBOARD_RX: daughterboard_image(_SBX_RX),
+            DAUGHTERBOARD_TX: daughterboard_image(_SBX_TX),
+        }
+        self._pointers = dict.fromkeys(self._images, 0)
 
     def write(self, address, data):
         """The first byte sets the pointer; raises Malformed when bytes to be stored follow."""
@@ -319,7 +324,7 @@ class Hardware:
             (SR_RX_DSP, 3, self.receive.dsp.poke),
         )
         self.fifo = Fifo(registers, self.clock)
-        self.control = Control(registers, _i2c_bus(address), self._end_session)
+        self.control = Control(registers, I2cBus(address), self._end_session)
 
     @property
     def streaming(self):
@@ -367,9 +372,7 @@ class Hardware:
             "rx_gain_db": self.front_end.rx_gain_db,
             "rx_dropped_samples": self.receive.dropped_samples,
             "rx_dropped_packets": self.receive.packets.dropped_packets,
-            "tx_underflows": self.transmit.underflows,
-            "tx_late_packets": self.transmit.late_packets,
-            "tx_sequence_errors": self.transmit.sequence_errors,
+            **self.transmit.counts,
             **self.air.status(),
         }
 
@@ -379,14 +382,3 @@ class Hardware:
         self.receive.packets.ready.clear()
         self.receive.stream_start = None
         self.air.restart()
-
-
-def _i2c_bus(address):
-    serial = "".join(f"{int(part):02x}" for part in address.split("."))
-    return I2cBus(
-        {
-            MOTHERBOARD: motherboard_image(address, serial),
-            DAUGHTERBOARD_RX: daughterboard_image(_SBX_RX),
-            DAUGHTERBOARD_TX: daughterboard_image(_SBX_TX),
-        }
-    )

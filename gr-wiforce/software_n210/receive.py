@@ -53,16 +53,12 @@ class PacketStream:
     def append(self, samples, tick, spacing, end_of_burst=False):
         """Send all full packets of samples (N, 2), at the end of a burst what remains as well."""
         self._first_tick, self._spacing = tick - self.pending * spacing, spacing
-        if self.pending:
-            samples = np.concatenate((self._partial, samples))
-        size = self.samples_per_packet
-        full = len(samples) // size
-        if end_of_burst and full and full * size == len(samples):
-            full -= 1  # the last packet must be left, to carry the mark
-        self._partial = samples[full * size :]
-        if full:
-            self._send(samples[: full * size], size, tick=self._first_tick)
-            self._first_tick += full * size * spacing
+        samples, size = np.concatenate((self._partial, samples)), self.samples_per_packet
+        # At the end, something must be left to carry the mark.
+        full = max(len(samples) - end_of_burst, 0) // size * size
+        self._partial = samples[full:]
+        self._send(samples[:full], size, self._first_tick)
+        self._first_tick += full * spacing
         if end_of_burst:
             self.flush(end_of_burst=True)
 

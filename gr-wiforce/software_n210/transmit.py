@@ -122,9 +122,7 @@ class TransmitChain:
 
     def __init__(self, clock, air, socket_bytes):
         self.dsp = DspRegisters(cic_power=3)
-        self.underflows = 0
-        self.late_packets = 0
-        self.sequence_errors = 0
+        self.counts = dict.fromkeys(("tx_underflows", "tx_late_packets", "tx_sequence_errors"), 0)
         self._clock = clock
         self._air = air
         self.flow = FlowControl(clock, socket_bytes)
@@ -160,7 +158,7 @@ class TransmitChain:
         if len(self._queue) >= _MAX_QUEUE:
             raise Malformed("transmit queue is full")
         if self._expected is not None and packet.sequence != self._expected:
-            self.sequence_errors += 1
+            self.counts["tx_sequence_errors"] += 1
             self.flow.report(TX_SEQUENCE_ERROR, self._clock.ticks)
         self._expected = packet.sequence + 1 & 0xFFFFFFFF
         self._queue.append(packet)
@@ -207,7 +205,7 @@ class TransmitChain:
         if tick >= end and not late:
             return False
         if late:
-            self.late_packets += 1
+            self.counts["tx_late_packets"] += 1
             self.flow.consumed(self._queue.popleft())
             self.flow.report(TX_LATE, start)
         else:
@@ -238,7 +236,7 @@ class TransmitChain:
             self._next_tick = None
             return True
         if taken < room:
-            self.underflows += 1
+            self.counts["tx_underflows"] += 1
             self.flow.report(TX_UNDERFLOW, self._next_tick)
             self._next_tick = None
             return True
