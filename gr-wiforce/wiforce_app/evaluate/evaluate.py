@@ -27,7 +27,7 @@ from gnuradio.wiforce.planning.expected import expect
 from gnuradio.wiforce.planning.plan import plan
 from gnuradio.wiforce.receiver import Receiver
 from gnuradio.wiforce.scene import load_scene, sampled_scenes, simulation_warnings
-from gnuradio.wiforce.simulation.presses import pressed_sensor
+from gnuradio.wiforce.simulation.presses import PressedSensor
 from gnuradio.wiforce.simulation.simulator import simulate
 from gnuradio.wiforce.simulation.truth import score, truth_rows
 from gnuradio.wiforce.wiforce_kernels import folded_reader
@@ -212,7 +212,7 @@ def expected_truth(scene):
     """
     frequency, bias_deg, pressed = scene.radio.center_frequency_hz, {}, {}
     for i, (sensor, tag) in enumerate(zip(scene.sensors, scene.simulation.tags, strict=True)):
-        pressed[sensor.name] = pressed_sensor(scene, i)
+        pressed[sensor.name] = PressedSensor(scene, i)
         known, true = sensor.load_model(scene), scene.load_model(tag.truth_model)
         known_deg, true_deg = (model.untouched_deg(frequency) for model in (known, true))
         bias_deg[sensor.name] = np.subtract(known_deg, true_deg)

@@ -13,7 +13,6 @@ from ..scene import Scene
 from ..scene.effects import Beam
 from ..scene.simulated import Move, Press, PressForce
 from ..scene.surface import bare_skin
-from ..sensor import SensorModel
 from ..signal.carrier import SPEED_OF_LIGHT_M_S
 from ..surface.skin import Skin
 
@@ -95,27 +94,25 @@ Contact = tuple[np.ndarray, np.ndarray]
 
 
 class PressedSensor:
-    """One sensor, pressed and moved as its scene states or as set; elastic without a ``beam``.
+    """One sensor, pressed and moved as its scene states or as set.
 
     Under presses at once, as a skin gives to a strip, each end shows the nearest contact.
     """
 
-    def __init__(
-        self,
-        model: SensorModel,
-        presses: Sequence[Press],
-        moves: Sequence[Move],
-        center_frequency_hz: float,
-        beam: Beam | None = None,
-    ) -> None:
-        self._model, self._beam, self._moves = model, beam, moves
-        self._carrier_hz = center_frequency_hz
-        # The presses, in the order of their starts.
-        self.presses = sorted(presses, key=lambda press: press.start_s)
-        self._layers = _layers(self.presses)
+    def __init__(self, scene: Scene, index: int) -> None:
+        simulation, name = scene.simulation, scene.sensors[index].name
+        tag = simulation.tags[index]
+        self._beam, self._model = tag.beam, scene.load_model(tag.truth_model)
+        self._carrier_hz = scene.radio.center_frequency_hz
+        self._moves = [move for move in simulation.moves if move.sensor == name]
+        presses = [press for press in simulation.presses if press.sensor == name]
+        skin = bare_skin(scene)
+        if skin is not None and index in skin.indices:
+            presses += strip_presses(scene, skin, skin.indices.index(index))
+        self._presses = sorted(presses, key=lambda press: press.start_s)
+        self._layers = _layers(self._presses)
         self._held: tuple[float, float] | None = None
         self._steady = lru_cache(4)(self._reflections)
-        model.phases_deg(0.0, 0.0, center_frequency_hz)  # refuses a carrier that it does not hold
 
     @property
     def length_mm(self) -> float:
@@ -138,14 +135,13 @@ class PressedSensor:
         """G_1 / rho and G_2 / rho over time, (n, 2), or (1, 2) when nothing changes."""
         contacts = self._contacts(time_s, self._beam)
         touching = self._touching(contacts)
-        used = [i for i, touch in enumerate(touching) if touch.any()] or [0]
+        used = np.flatnonzero(touching.any(axis=1)).tolist() or [0]
         parts = [self._alone(*contacts[i]) for i in used]
         if len(used) == 1:
             return parts[0]
-        where = np.stack([np.where(touching[i], contacts[i][1], np.nan) for i in used])
-        none = np.isnan(where).all(axis=0)
-        near = np.where(none, 0, np.nan_to_num(where, nan=np.inf).argmin(axis=0))
-        far = np.where(none, 0, np.nan_to_num(where, nan=-np.inf).argmax(axis=0))
+        places = np.stack([contacts[i][1] for i in used])
+        near = np.where(touching[used], places, np.inf).argmin(axis=0)
+        far = np.where(touching[used], places, -np.inf).argmax(axis=0)
         every = np.stack([np.broadcast_to(part, (len(time_s), 2)) for part in parts])
         at = np.arange(len(time_s))
         return np.stack([every[near, at, 0], every[far, at, 1]], axis=1)
@@ -175,7 +171,7 @@ class PressedSensor:
         if self._held is not None:
             return np.full(time_s.shape, float(self._held[0] > 0))
         nearest = np.zeros(time_s.shape)
-        for press in self.presses:
+        for press in self._presses:
             away_s = np.maximum(press.start_s - time_s, time_s - press.end_s)
             done = np.clip(1 - away_s / reach_s, 0, 1)
             nearest = np.maximum(nearest, (1 - np.cos(np.pi * done)) / 2)
@@ -298,19 +294,6 @@ def strip_presses(scene: Scene, skin: Skin, strip: int) -> list[Press]:
             )
         )
     return found
-
-
-def pressed_sensor(scene: Scene, index: int) -> PressedSensor:
-    """One sensor with the presses on it and on the surface."""
-    simulation, name = scene.simulation, scene.sensors[index].name
-    tag = simulation.tags[index]
-    moves = [move for move in simulation.moves if move.sensor == name]
-    presses = [press for press in simulation.presses if press.sensor == name]
-    skin = bare_skin(scene)
-    if skin is not None and index in skin.indices:
-        presses += strip_presses(scene, skin, skin.indices.index(index))
-    model, carrier_hz = scene.load_model(tag.truth_model), scene.radio.center_frequency_hz
-    return PressedSensor(model, presses, moves, carrier_hz, tag.beam)
 
 
 def surface_truth(scene: Scene, time_s: np.ndarray) -> list[list[dict[str, Any]]]:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from ..scene import Scene
 from ..scene.schema import SceneSensor
 from ..scene.simulated import Tag
-from .presses import pressed_sensor
+from .presses import PressedSensor
 from .random_sources import Ramp, RandomSources, RandomWalk, Seeds, reflected
 
 # A switch: cycles of its clock per cycle of clock 1, and the interval of a cycle in which it is on.
@@ -239,7 +239,7 @@ class SwitchedTag:
         if tag.drift_deg_per_sqrt_s:
             seeds, std = sources.effect("drift"), np.deg2rad(tag.drift_deg_per_sqrt_s)
             self._drifts = [RandomWalk(std, seeds.generator(index, end)) for end in (0, 1)]
-        self.pressed = pressed_sensor(scene, index)
+        self.pressed = PressedSensor(scene, index)
 
     def reflection(self, first: int, count: int) -> np.ndarray:
         """Reflection r / rho during ``count`` samples, complex64."""

@@ -15,7 +15,7 @@ import numpy as np
 from ..io.readings import Reading, rounded
 from ..scene import Scene
 from ..signal.carrier import wrap_deg
-from .presses import pressed_sensor, surface_truth
+from .presses import PressedSensor, surface_truth
 
 TRUTH_COLUMNS = (
     "time_s", "sensor", "touch", "force_n", "location_mm", "phase1_deg", "phase2_deg",
@@ -39,7 +39,7 @@ def truth_rows(scene: Scene) -> list[dict[str, Any]]:
     ``force_n`` also below the onset; surfaces have rows with x in ``location_mm``, and ``y_mm``.
     """
     times = group_centers(scene)
-    states = [pressed_sensor(scene, index).state(times) for index in range(len(scene.sensors))]
+    states = [PressedSensor(scene, index).state(times) for index in range(len(scene.sensors))]
     of_surface = surface_truth(scene, times)
     rows: list[dict[str, Any]] = []
     for i, time_s in enumerate(times.tolist()):
