@@ -6,7 +6,7 @@ deliberately shares no code with this one, so that a mistake in either shows in 
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -248,48 +248,34 @@ class SwitchedTag:
         states = switch_states(
             self.clock, self._switches, self._delay_s, first, count, self._rate, self._rise_s
         )
-        states, values = self._terms(states, self._ramp.knots(first, count))
-        values = [np.atleast_1d(value).astype(np.complex64) for value in values]
-        return self._sum(states, values, first, count)
+        total = np.zeros(count, np.complex64)
+        for state, value in self._terms(states, self._ramp.knots(first, count)):
+            if value.size > 1:
+                value = self._ramp.interpolate(value, first, count)
+            total += state * value.astype(np.complex64)
+        return total
 
     def reflection_at(self, times_s: np.ndarray, window_s: float) -> np.ndarray:
         """Reflection r / rho at rising times (n,), as of packets, averaged over ``window_s``."""
         switches = states_at(self.clock, self._switches, self._delay_s, times_s, window_s)
-        terms = zip(*self._terms(switches, times_s), strict=True)
-        return np.sum([state * value for state, value in terms], axis=0)
+        return np.sum([state * value for state, value in self._terms(switches, times_s)], axis=0)
 
     def _terms(
         self, switches: list[np.ndarray], times_s: np.ndarray
-    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """States of both switches, and of both at once, and what each adds at some times."""
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """State of each switch, and of both at once, and what it adds at some times, or always."""
         ends = self.pressed.reflections(times_s)
         if self._drifts:
             ends = ends * np.exp(1j * np.stack([walk.at(times_s) for walk in self._drifts], axis=1))
         # Relative to the off state, which is added for the whole time.
-        states, values = list(switches), list((ends - self._off).T)
+        terms = list(zip(switches, (ends - self._off).T, strict=True))
         both_on = switches[0] * switches[1]
         if both_on.any():
-            states.append(both_on)
-            values.append(self.pressed.through(times_s) + self._off.mean())
+            terms.append((both_on, self.pressed.through(times_s) + self._off.mean()))
         if self._off.any():
-            states.append(np.ones_like(both_on))
-            values.append(self._off.mean())
+            terms.append((np.ones_like(both_on), self._off.mean()))
         path = self._rotation * self.pressed.motion(times_s)
-        return states, [value * path for value in values]
-
-    def _sum(
-        self, states: Sequence[np.ndarray], values: Sequence[np.ndarray], first: int, count: int
-    ) -> np.ndarray:
-        """Sum of the states times their values: constants, or values at the knots."""
-        if all(len(value) == 1 for value in values):
-            parts = np.concatenate(values).view(np.float32).reshape(-1, 2)
-            return (np.stack(states).T @ parts).view(np.complex64).ravel()
-        total = np.zeros(count, np.complex64)
-        for state, value in zip(states, values, strict=True):
-            if len(value) > 1:
-                value = self._ramp.interpolate(value, first, count)
-            total += state * value
-        return total
+        return [(state, value * path) for state, value in terms]
 
 
 # Most that the frequency wanders from its stated course.
