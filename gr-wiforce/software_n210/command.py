@@ -28,12 +28,33 @@ _COMMANDS = "; ".join(_USAGE.values())
 
 
 class Console:
-    """Executes the lines of the control."""
+    """Lines on a file descriptor, answers on a stream; the end of a pipe ends the device.
 
-    def __init__(self, device):
-        self._device = device
+    In the background of a terminal nothing is read: it would stop the process.
+    """
 
-    def answer(self, line):
+    def __init__(self, device, descriptor, out):
+        self._device, self._descriptor, self._out = device, descriptor, out
+        self._rest = b""
+        device.watched[descriptor] = self._read
+
+    def _read(self):
+        if _in_background(self._descriptor):
+            del self._device.watched[self._descriptor]
+            return
+        data = os.read(self._descriptor, 65536)
+        if not data:
+            del self._device.watched[self._descriptor]
+            if stat.S_ISFIFO(os.fstat(self._descriptor).st_mode):
+                self._device.stop()
+            return
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for line in lines:
+            if line.strip():
+                print(self._answer(line.decode("utf-8", "replace")), file=self._out)
+        self._out.flush()
+
+    def _answer(self, line):
         """Execute a line; JSON with ``ok``, and ``error`` or the requested values."""
         try:
             return json.dumps({"ok": True, **self._do(line)})
@@ -86,34 +107,6 @@ class Console:
 
     def _stop(self):
         self._device.stop()
-
-
-class LineControl:
-    """Lines on a file descriptor, answers on a stream; the end of a pipe ends the device.
-
-    In the background of a terminal nothing is read: it would stop the process.
-    """
-
-    def __init__(self, console, device, descriptor, out):
-        self._console, self._device, self._descriptor, self._out = console, device, descriptor, out
-        self._rest = b""
-        device.watched[descriptor] = self._read
-
-    def _read(self):
-        if _in_background(self._descriptor):
-            del self._device.watched[self._descriptor]
-            return
-        data = os.read(self._descriptor, 65536)
-        if not data:
-            del self._device.watched[self._descriptor]
-            if stat.S_ISFIFO(os.fstat(self._descriptor).st_mode):
-                self._device.stop()
-            return
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        for line in lines:
-            if line.strip():
-                print(self._console.answer(line.decode("utf-8", "replace")), file=self._out)
-        self._out.flush()
 
 
 def _in_background(descriptor):
@@ -181,7 +174,7 @@ def emulate(scene, bind, air, delay_us, faults, speed):
     except InputError as error:
         raise error.renamed(names) from error
     with closing(device):
-        LineControl(Console(device), device, sys.stdin.fileno(), sys.stdout)
+        Console(device, sys.stdin.fileno(), sys.stdout)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: device.stop())
         print(f"listening: N210 with an SBX, --args addr={bind}", flush=True)

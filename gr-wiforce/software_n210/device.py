@@ -284,11 +284,13 @@ class Device:
     def _step(self, start, end):
         """Everything that happens between two ticks: transmit, receive, then what is due."""
         hardware = self._hardware
-        hardware.run(start, end)
+        hardware.transmit.run(start, end)
+        hardware.receive.run(start, end)
         self._link.deliver()
         if hardware.streaming:
             self._sent.append((hardware.clock.to_time(end) / TICK_RATE, time.monotonic()))
-        hardware.advance(end)
+        hardware.clock.advance(end)
+        self.air.forget(end)
         self._link.run_commands()
         self._link.send_reports()
 

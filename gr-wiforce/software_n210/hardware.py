@@ -349,16 +349,6 @@ class Hardware:
             ticks.append(finished)
         return min(ticks)
 
-    def run(self, start, end):
-        """Let both directions run up to ``end``."""
-        self.transmit.run(start, end)
-        self.receive.run(start, end)
-
-    def advance(self, tick):
-        """Move the clock to `tick`, up to which everything has run."""
-        self.clock.advance(tick)
-        self.air.forget(tick)
-
     def status(self):
         begun = self.receive.stream_start
         return {
