@@ -72,6 +72,7 @@ def _gnuradio_named(where):
 
 
 _HELP = ("--help-all", "--help")
+_EVERYTHING = "gr-wiforce: explain all options"  # of a context, where the help is to do so
 
 
 class GroupedHelp(click.Command):
@@ -79,33 +80,18 @@ class GroupedHelp(click.Command):
 
     def __init__(self, *arguments, groups=None, examples=(), **options):
         super().__init__(*arguments, **options)
-        groups = groups or {"Options": ""}
-        self._groups, self._examples = groups, examples
-        if len(groups) == 1:
-            return
-        self.params.append(
-            click.Option(
-                ["--help-all"],
-                is_flag=True,
-                is_eager=True,
-                expose_value=False,
-                callback=_show_all,
-                help="Explain all options.",
-            )
-        )
-
-    def format_options(self, ctx, formatter):
-        self._format(ctx, formatter, everything=False)
+        self._groups, self._examples = groups or {"Options": ""}, examples
+        if len(self._groups) > 1:
+            flag = {"is_flag": True, "is_eager": True, "expose_value": False, "callback": _show_all}
+            click.option("--help-all", help="Explain all options.", **flag)(self)
 
     def full_help(self, ctx):
         """The help with every option explained, as text."""
-        formatter = ctx.make_formatter()
-        self.format_usage(ctx, formatter)
-        self.format_help_text(ctx, formatter)
-        self._format(ctx, formatter, everything=True)
-        return formatter.getvalue().rstrip("\n")
+        ctx.meta[_EVERYTHING] = True
+        return self.get_help(ctx)
 
-    def _format(self, ctx, formatter, everything):
+    def format_options(self, ctx, formatter):
+        everything = ctx.meta.get(_EVERYTHING, False)
         known = {name: each for each in self.get_params(ctx) for name in each.opts}
         first = next(iter(self._groups))
         grouped = {*" ".join(self._groups.values()).split(), *_HELP}
