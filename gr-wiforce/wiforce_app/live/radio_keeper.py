@@ -56,6 +56,7 @@ class RadioKeeper:
                 return
             request = self._session.next_request(self._request)
             self._link, self._attached = self._make_link(request), False
+            self._underflow_s = 0.0
         try:
             self._link.poll()
             self._check_samples()
@@ -86,8 +87,9 @@ class RadioKeeper:
             self._on_open(link)
             self._session.attach(link)
             link.start()
-        if link.underflows_s:
-            self._warn_of_underflow(link)
+        if (silent_s := link.underflow_s - self._underflow_s) > 0:
+            self._underflow_s = link.underflow_s
+            self._warn_of_underflow(silent_s)
         if not link.started:
             return
         now = self._now()
@@ -101,9 +103,7 @@ class RadioKeeper:
         elif now - self._running_s > _STEADY_S:
             self._pause_s = _SHORTEST_PAUSE_S
 
-    def _warn_of_underflow(self, link):
-        silent_s = sum(link.underflows_s)
-        link.underflows_s.clear()
+    def _warn_of_underflow(self, silent_s):
         if self._pace.allows("underflow"):
             log.warning(
                 f"transmit underflow: no frames were sent for {silent_s:.2f} s, which are missing "

@@ -43,7 +43,7 @@ class RadioLink:
         self.started = False  # samples have been received
         # Offset of UTC from the device's clock by the latest comparison, and its uncertainty, in s.
         self.clock: tuple[float, float] | None = None
-        self.underflows_s: list[float] = []  # how long nothing was transmitted; to be taken
+        self.underflow_s = 0.0  # how long nothing was transmitted
         self._stopped = False
         self._samples: socket.socket | None
         self._samples, samples = socket.socketpair()
@@ -74,7 +74,9 @@ class RadioLink:
                 report = self._control.recv()
             except (EOFError, OSError):
                 raise DeviceLost(self._end()) from None
-            self._take(*report)
+            if isinstance(report, Exception):
+                raise report
+            vars(self).update(report)
 
     def stop(self) -> None:
         """Stop both streams; the samples received so far arrive before the stream ends."""
@@ -94,20 +96,6 @@ class RadioLink:
         """End the process without waiting for its device, which is lost."""
         self._process.kill()
         self.close()
-
-    def _take(self, event, value):
-        if event == "opened":
-            self.hardware, self.settings, self.unlocked, self.aligned = value
-        elif event == "started":
-            self.started = True
-        elif event == "clock":
-            self.clock = value
-        elif event == "underflow":
-            self.underflows_s.append(value)
-        elif event == "stopped":
-            self._stopped = True
-        elif event == "failed":
-            raise value
 
     def _send(self, message):
         with contextlib.suppress(OSError):  # it has ended, which `poll` reports
@@ -136,7 +124,7 @@ def _run(control: Connection, samples: socket.socket) -> None:
     try:
         _serve(control, samples)
     except InputError as error:
-        _report(control, "failed", error)
+        _report(control, error)
         if isinstance(error, DeviceUnusable):
             _exit(samples)  # a thread waits for the driver, perhaps for ever
     except EOFError:
@@ -146,7 +134,7 @@ def _run(control: Connection, samples: socket.socket) -> None:
             from .radio import last_line
 
             error = DeviceLost(f"does not answer any more ({last_line(error)})")
-        _report(control, "failed", error)
+        _report(control, error)
         _exit(samples)  # UHD's blocks cannot be stopped without their device
 
 
@@ -166,34 +154,37 @@ def _serve(control, samples):
     streams = RadioStreams(radio, request, samples)
     with radio.applying("--args", request.args, rule="must name a device that states what it does"):
         _report_clock(streams, control)  # before there are readings, which are stamped with UTC
-        stated = radio.hardware, radio.settings(), radio.unlocked(), streams.aligned
-    _report(control, "opened", stated)
+        stated = {"settings": radio.settings(), "unlocked": radio.unlocked()}
+    _report(control, stated | {"hardware": radio.hardware, "aligned": streams.aligned})
     shorten_pauses()
     control.recv()  # to start
     # From here on, the reader asks to stop, or has gone: its end must stop the device as well.
     streams.start(control.poll)
-    _report(control, "started")
+    _report(control, {"started": True})
+    reported_s = 0.0
     while not control.poll(_LOOK_S):
         streams.check()
         _report_clock(streams, control)
-        if (underflow_s := streams.take_underflow_s()) > 0:
-            _report(control, "underflow", underflow_s)
+        if streams.underflow_s > reported_s:
+            reported_s = streams.underflow_s
+            _report(control, {"underflow_s": reported_s})
     streams.stop()
     samples.close()
-    _report(control, "stopped")
+    _report(control, {"_stopped": True})
     del streams, radio  # UHD closes the device here
     for lock in locks:
         lock.release()
 
 
-def _report(control, event, value=None):
+def _report(control, report):
+    """Send what ended the process, or attributes of the reader's end."""
     with contextlib.suppress(OSError):
-        control.send((event, value))
+        control.send(report)
 
 
 def _report_clock(streams, control):
     if (found := streams.clock()) is not None:
-        _report(control, "clock", found)
+        _report(control, {"clock": found})
 
 
 def _exit(samples):

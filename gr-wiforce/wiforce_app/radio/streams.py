@@ -149,7 +149,6 @@ class RadioStreams:
                 self._reception.connect(self._received_of(antenna), (self._sender, antenna))
         self._received, self._sent = Progress(), Progress()
         self._ended_before = False
-        self._reported_s = 0.0
         self._clocks = ClockComparison(_clock_of(radio, self._sender, request.sample_rate_hz))
 
     def _received_of(self, antenna):
@@ -174,11 +173,11 @@ class RadioStreams:
             request.sample_rate_hz,
         )
 
-    def take_underflow_s(self) -> float:
-        """Seconds in which nothing was transmitted, since the last call."""
+    @property
+    def underflow_s(self) -> float:
+        """Seconds in which nothing was transmitted."""
         # Frames without times are sent whenever the device takes them.
-        before, self._reported_s = self._reported_s, getattr(self._frames, "skipped_s", 0.0)
-        return max(self._reported_s - before, 0.0)
+        return getattr(self._frames, "skipped_s", 0.0)
 
     def clock(self) -> tuple[float, float] | None:
         """Offset of UTC from the samples' clock and its uncertainty, in s; None when not due."""

@@ -30,7 +30,7 @@ class Bench:
 
     def __init__(self, *fates, reconnect=True):
         self.now_s, self.opened_s = 0.0, []
-        self.fates, self.underflows_s = list(fates), []
+        self.fates, self.link = list(fates), None
         self.session = SimpleNamespace(
             attach=lambda link: None, next_request=lambda request: request, silent_s=0.0
         )
@@ -54,7 +54,8 @@ class Bench:
             if self.now_s - began_s > fate:
                 raise LOST
 
-        return Mock(poll=poll, opened=True, started=True, underflows_s=self.underflows_s)
+        self.link = Mock(poll=poll, opened=True, started=True, underflow_s=0.0)
+        return self.link
 
     def run(self, seconds):
         for _ in range(round(10 * seconds)):
@@ -162,11 +163,10 @@ def test_lock_second_process_is_refused_until_the_first_ends():
 def test_keeper_warns_of_underflows_at_growing_intervals(capsys):
     """Readings were missing, and nothing said that the machine did not keep up."""
     bench = Bench(100.0)
+    bench.keeper.look()
     for second in range(6):
-        bench.now_s = float(second)
-        bench.underflows_s += [0.3, 0.2]
+        bench.now_s, bench.link.underflow_s = float(second), 0.5 * (second + 1)
         bench.keeper.look()
-        assert bench.underflows_s == []
     said = capsys.readouterr().err
     assert 1 < said.count("transmit underflow: no frames were sent for 0.50 s") < 6
 
@@ -186,7 +186,7 @@ def test_a_process_that_was_stopped_does_not_take_its_device_for_lost():
 
 def test_keeper_asked_again_to_stop_does_not_leave_the_device_to_a_driver_that_hangs():
     """The next run could not open the device, which that process had kept."""
-    link = Mock(opened=True, started=True, underflows_s=[])
+    link = Mock(opened=True, started=True, underflow_s=0.0)
     link.stop.side_effect = KeyboardInterrupt
     bench = Bench()
     bench.keeper._make_link = lambda request: link
