@@ -51,24 +51,28 @@ def read_many(given, scene, output, form, again, jobs, settings):
             read = os.path.abspath(capture.path), str(path), journal.partial
             tasks.append(ReadingJob(capture.name, *read, scene, settings, known))
         _protect_captures(tasks, whole)
-        summary = _Summary(len(tasks))
+        reports, failures = [], {}
         try:
-            _run(tasks, jobs, journal, summary)
+            _run(tasks, jobs, journal, reports, failures)
         except KeyboardInterrupt as interrupt:
-            text = f"{summary.done} of {len(tasks)} captures have been read; the same command "
+            text = f"{len(reports)} of {len(tasks)} captures have been read; the same command "
             raise Interrupted(f"{text}reads the others") from interrupt
         finally:
-            summary.list_failures()
+            for name, error in sorted(failures.items()):
+                log.error(f"error: {name}: {_text_of(error)}")
         if whole is not None:
-            names = [task.name for task in tasks if task.name not in summary.failures]
+            names = [task.name for task in tasks if task.name not in failures]
             if names:
                 rows = _join_parts(whole, [(name, folder / f"{name}.parquet") for name in names])
                 kept = f"{folder} is for a repeated run, and may be deleted"
                 log.info(f"wrote {rows} readings to {whole}; {kept}")
             else:
                 log.info(f"{whole} was not written, since no capture could be read")
-    log.info(str(summary))
-    return summary.status
+    log.info(_summary(reports, len(failures)))
+    if not failures:
+        return 0
+    own_fault = all(isinstance(error, InputError) for error in failures.values())
+    return BAD_INPUT if own_fault else FAILED
 
 
 def _protect_captures(tasks, whole):
@@ -83,17 +87,21 @@ def _protect_captures(tasks, whole):
                     raise InputError(output, "cannot be written (is one of the captures)")
 
 
-def _run(tasks, jobs, journal, summary):
+def _run(tasks, jobs, journal, reports, failures):
+    """Add what becomes of each capture: its report, or by its name the error."""
     with progress(f"reading {len(tasks)} captures", len(tasks)) as step:
         # Closed at once when interrupted, so that no worker goes on.
-        with contextlib.closing(run_tasks(read_capture_file, tasks, jobs)) as outcomes:
-            for outcome in outcomes:
+        with contextlib.closing(run_tasks(read_capture_file, tasks, jobs)) as found:
+            for outcome in found:
                 task = tasks[outcome.index]
-                if outcome.error is None:
-                    _keep(journal, task, outcome.result)
-                else:
+                if outcome.error is not None:
                     journal.note(task.name, error=str(outcome.error))
-                summary.note(task, outcome)
+                    failures[task.name] = outcome.error
+                else:
+                    _keep(journal, task, outcome.result)
+                    reports.append(outcome.result)
+                    for message in outcome.result.messages:
+                        log.info(message if task.path in message else f"{task.name}: {message}")
                 step(1)
 
 
@@ -119,50 +127,16 @@ def _keep(journal, task, report):
     )
 
 
-class _Summary:
-    """What became of the captures."""
-
-    def __init__(self, captures):
-        self._captures = captures
-        self._counts = GroupCounts()
-        self._unchanged = 0
-        self.done = 0
-        self.failures = {}
-
-    def note(self, task, outcome):
-        """Count a capture, and print its warnings."""
-        if outcome.error is not None:
-            self.failures[task.name] = outcome.error
-            return
-        self.done += 1
-        self._unchanged += outcome.result.unchanged
-        self._counts.add(outcome.result.counts)
-        for message in outcome.result.messages:
-            named = message if task.path in message else f"{task.name}: {message}"
-            log.info(named)
-
-    def list_failures(self):
-        """Print each capture that could not be read, and why."""
-        for name, error in sorted(self.failures.items()):
-            log.error(f"error: {name}: {_text_of(error)}")
-
-    @property
-    def status(self):
-        """Exit status."""
-        if not self.failures:
-            return 0
-        own_fault = all(isinstance(error, InputError) for error in self.failures.values())
-        return BAD_INPUT if own_fault else FAILED
-
-    def __str__(self):
-        read = self.done - self._unchanged
-        parts = [f"{read} of {self._captures} captures read"]
-        if self._unchanged:
-            parts.append(f"{self._unchanged} had been read before")
-        if self.failures:
-            parts.append(f"{len(self.failures)} failed")
-        text = ", ".join(parts)
-        return f"{text}; {self._counts}" if read else text
+def _summary(reports, failed):
+    """What became of all captures, in one line."""
+    unchanged, counts = sum(report.unchanged for report in reports), GroupCounts()
+    for report in reports:
+        counts.add(report.counts)
+    read = len(reports) - unchanged
+    text = f"{read} of {len(reports) + failed} captures read"
+    text += f", {unchanged} had been read before" * (unchanged > 0)
+    text += f", {failed} failed" * (failed > 0)
+    return f"{text}; {counts}" if read else text
 
 
 def _text_of(error):
