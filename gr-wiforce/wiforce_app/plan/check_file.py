@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """``check FILE``: what a capture or a file of snapshots is, and what to change first."""
 
-import hashlib
 import math
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -24,6 +23,7 @@ from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.channel_snapshots import ChannelSnapshots
 from gnuradio.wiforce.io.capture.names import is_snapshots, second_antenna
 from gnuradio.wiforce.io.capture.samples import CLIPPED, likely_datatype
+from gnuradio.wiforce.io.capture.sigmf_metadata import sha512_of
 from gnuradio.wiforce.io.csi_tools import tool_of
 from gnuradio.wiforce.io.readings import WEAK_PHASE_DEG
 from gnuradio.wiforce.planning.advice import outside_band
@@ -118,7 +118,6 @@ def advice_on_sensors(tags, scene, others_hz, wrong_by_sensor):
 
 
 LEVEL_FRAMES = 4000  # levels need no more
-_PART_BYTES = 1 << 20
 
 
 def check_capture(capture, scene_path):
@@ -262,7 +261,8 @@ def _tags(capture, scene):
 
 def _file(capture, rate_hz=None):
     """What a file is; its rate, where it states none, is that of a scene."""
-    _verify(capture)
+    if capture.sha512 is not None:
+        _verify(capture)
     rate = rate_hz if capture.sample_rate_hz is None else capture.sample_rate_hz
     return {
         "path": str(capture.path),
@@ -290,13 +290,7 @@ def _file_lines(file):
 
 
 def _verify(capture):
-    if capture.sha512 is None:
-        return
-    digest = hashlib.sha512()
-    with open(capture.path, "rb") as stream:
-        while part := stream.read(_PART_BYTES):
-            digest.update(part)
-    found = digest.hexdigest()
+    found = sha512_of(capture.path)
     if found != capture.sha512.lower():
         rule = (
             "must have the checksum that its metadata state (core:sha512 "

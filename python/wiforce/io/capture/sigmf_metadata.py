@@ -119,6 +119,15 @@ def _shown(value: Any) -> str:
     return type(value).__name__ if isinstance(value, dict | list) else repr(value)[:40]
 
 
+def sha512_of(path: Path) -> str:
+    """The checksum of samples, in hexadecimal digits."""
+    checksum = hashlib.sha512()
+    with open(path, "rb") as samples:
+        while chunk := samples.read(_CHUNK_BYTES):
+            checksum.update(chunk)
+    return checksum.hexdigest()
+
+
 def write_metadata(
     path: Path,
     data: Path,
@@ -126,11 +135,7 @@ def write_metadata(
     captures: Sequence[Mapping[str, Any]],
 ) -> None:
     """Write the metadata of complete samples with version and checksum, or raise OSError."""
-    checksum = hashlib.sha512()
-    with open(data, "rb") as samples:
-        while chunk := samples.read(_CHUNK_BYTES):
-            checksum.update(chunk)
-    added = {"core:version": SPECIFICATION, "core:sha512": checksum.hexdigest()}
+    added = {"core:version": SPECIFICATION, "core:sha512": sha512_of(data)}
     whole = {"global": {**fields, **added}, "captures": list(captures), "annotations": []}
     # Keys are sorted, but the sections keep their order.
     in_order = {name: json.loads(json.dumps(whole[name], sort_keys=True)) for name in _SECTIONS}
