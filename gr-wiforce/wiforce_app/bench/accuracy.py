@@ -278,7 +278,6 @@ def _tag(case, clock_hz, level_db, rng):
 
 @lru_cache(maxsize=8)
 def plan_of(case, estimator):
-    """The plan by which a case is read."""
     return Plan(
         _WAVEFORM,
         tuple(TagClock(hertz) for hertz in case.clocks_hz),

@@ -105,7 +105,6 @@ class Task:
 
 
 def tasks():
-    """All rows."""
 
     def task(name, path, limit, cause, stressed=None, **changes):
         return Task(quiet_case(name, **changes), path, limit, cause, stressed or {})

@@ -269,11 +269,9 @@ class ServiceManager:
             self._alive_s = now
 
     def stopping(self) -> None:
-        """The service ends."""
         self._send("STOPPING=1")
 
     def close(self) -> None:
-        """Give back the socket."""
         self._socket.close()
 
     def _send(self, text):

@@ -136,6 +136,5 @@ class RadioKeeper:
 
 
 def warn_of_oscillators(link: RadioLink) -> None:
-    """Warn of oscillators that do not lock."""
     for direction in link.unlocked:
         log.warning(f"the {direction} oscillator does not lock; readings may drift")

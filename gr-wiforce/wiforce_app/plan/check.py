@@ -35,8 +35,6 @@ _LOOK_S = 0.05
 
 @dataclass
 class Findings:
-    """Results of a check."""
-
     hardware: str
     settings: dict
     levels: dict | None = None

@@ -54,7 +54,6 @@ class RadioLink:
 
     @property
     def opened(self) -> bool:
-        """Whether the device is open."""
         return self.hardware is not None
 
     def take_samples(self) -> socket.socket:

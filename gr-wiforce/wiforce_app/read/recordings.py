@@ -112,7 +112,6 @@ def warn_of_end(capture, reader):
 
 
 def warn(path, text):
-    """Print a warning about a file."""
     log.warning(f"{path}: {text}")
 
 

@@ -21,7 +21,6 @@ class Column:
     form: str | Callable[[Any], str] = ""
 
     def text(self, row: Mapping[str, Any]) -> str:
-        """The cell of a row."""
         value = row.get(self.key)
         values = value if isinstance(value, list | tuple) else [value]
         return "/".join("" if v is None else self._written(v) for v in values)
@@ -31,7 +30,6 @@ class Column:
 
 
 def table(rows: Iterable[Mapping[str, Any]], columns: Sequence[Column]) -> str:
-    """Rows as a table."""
     head = [column.title for column in columns]
     cells = [[column.text(row) for column in columns] for row in rows]
     widths = [max(3, *map(len, column)) for column in zip(head, *cells, strict=True)]

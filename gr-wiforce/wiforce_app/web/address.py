@@ -23,8 +23,6 @@ _BACKLOG = 128
 
 @dataclass(frozen=True)
 class PageAddress:
-    """An address of the page."""
-
     host: str  # that the port is opened at, without brackets
     port: int
     token: str | None = None  # what a browser must present; None: all of this machine may look
@@ -67,7 +65,6 @@ class PageAddress:
         return self.token is None or hmac.compare_digest(self.token.encode(), token.encode())
 
     def listen(self) -> socket.socket:
-        """Open the port."""
         family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
         listening = socket.socket(family, socket.SOCK_STREAM)
         try:

@@ -79,7 +79,6 @@ class PressMeasurement:
 
     @property
     def untouched(self) -> bool:
-        """Whether it is of the untouched sensor."""
         return math.isnan(self.location_mm)
 
 
@@ -187,8 +186,6 @@ _COLUMNS = (
 
 
 class Target(NamedTuple):
-    """One measurement of a plan."""
-
     location_mm: float
     sweep: int
     force_n: float
@@ -225,7 +222,6 @@ class SessionPlan:
             raise InputError("sweeps", "must be 1 or more", self.sweeps)
 
     def targets(self) -> list[Target]:
-        """All measurements, in their order."""
         return [
             Target(location, sweep, force)
             for location in self.location_mm

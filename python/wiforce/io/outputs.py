@@ -78,7 +78,6 @@ class Outputs(Output):
             raise self.failure
 
     def add(self, output: Output) -> None:
-        """Add an output."""
         self._outputs.append(self._ending.enter_context(output))
 
     def begin(self) -> "Outputs":

@@ -247,7 +247,6 @@ class GroupCounts:
 
     @property
     def groups(self) -> int:
-        """All groups."""
         return self.clear + self.flagged + self.dropped
 
     def touched_reference(self) -> dict[str, str]:

@@ -176,8 +176,6 @@ def propose_clocks(
 
 @dataclass(frozen=True)
 class SceneClocks:
-    """Clocks for the tags of a scene."""
-
     clocks_hz: list[float]
     # Least one of lines 1, 2 and 4 of two tags, clocks off by their tolerance.
     line_distance_hz: float | None

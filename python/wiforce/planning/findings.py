@@ -111,7 +111,6 @@ class Finding:
 
     @property
     def line(self) -> str:
-        """The finding in one line."""
         return f"{self.name}, {self.level_db:+.0f} dB: {self.handling}"
 
     @property

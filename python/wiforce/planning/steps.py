@@ -17,8 +17,6 @@ _INVERSION = 200
 
 @dataclass(frozen=True)
 class Step:
-    """A step of the receiver."""
-
     name: str  # the stage, or a part of its work
     needed: bool  # False for a step that this scene skips
     reason: str

@@ -89,7 +89,6 @@ class ChannelSnapshots:
 
     @property
     def antennas(self) -> int:
-        """Receive antennas."""
         return int(self.channel.shape[2])
 
     @property
@@ -104,7 +103,6 @@ class ChannelSnapshots:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Files that it was read from."""
         return (self.path,)
 
 

@@ -71,11 +71,9 @@ class OutputFile:
 
     @property
     def closed(self) -> bool:
-        """Whether the file is closed."""
         return self._file.closed
 
     def tell(self) -> int:
-        """Bytes in the file."""
         return self.size_bytes
 
     def flush(self) -> None:
