@@ -63,7 +63,7 @@ _LOOK_S = 0.02
 
 def start_flowgraph(
     flowgraph: gr.top_block,
-    stopped: Callable[[], bool],
+    stopped: Callable[[float], bool],
     option: str,
     args: str,
     limit_s: float = _LIMIT_S,
@@ -87,7 +87,7 @@ def start_flowgraph(
         reason = ""
         if time.monotonic() > deadline:
             reason = f"its driver has not started to stream within {limit_s:g} s"
-        elif stopped():
+        elif stopped(0.0):
             reason = "stopped before its driver started to stream"
         if reason:
             raise DeviceUnusable(option, f"must name a device that can stream ({reason})", args)
@@ -187,23 +187,22 @@ class RadioStreams:
         found = self._clocks.look()
         return found and (found[0], found[1] + (0.0 if self._radio.has_time else _UNTIMED_S))
 
-    def start(self, stopped: Callable[[], bool]) -> None:
-        """Start both streams, at one device time if possible, unless ``stopped``.
+    def start(self, stopped: Callable[[float], bool]) -> None:
+        """Start both streams, at one device time if possible, unless ``stopped`` within a time.
 
         Raises DeviceLost when no samples are received, DeviceUnusable as :func:`start_flowgraph`.
         """
         request = self._request
         if self._transmission is not self._reception and self._radio.sink is not None:
             start_flowgraph(self._transmission, stopped, *request.transmitter)
-            if not self._passes(_TRANSMIT_AHEAD_S, stopped):
+            if stopped(_TRANSMIT_AHEAD_S):
                 return
         for lead_s in _START_LEADS_S:
             start_s = self._start_s[0] = self._radio.start_together(lead_s)
             start_flowgraph(self._reception, stopped, "--args", request.args)
             while self._sender.sent == 0 and self._radio.time_s < start_s + _START_GRACE_S:
-                if stopped():
+                if stopped(_LOOK_S):
                     return
-                time.sleep(_LOOK_S)
             if self._sender.sent:
                 return
             self._reception.stop()
@@ -212,15 +211,6 @@ class RadioStreams:
         if self._alignment is not None and self._alignment.searches:
             raise DeviceLost("receives no sounding frames any more")
         raise DeviceLost("sends no samples; check its network and power")
-
-    def _passes(self, seconds, stopped):
-        """Let time pass; False when stopped meanwhile."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            if stopped():
-                return False
-            time.sleep(_LOOK_S)
-        return True
 
     def check(self) -> None:
         """Raise DeviceLost when the device has gone."""

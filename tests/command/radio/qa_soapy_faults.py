@@ -55,7 +55,7 @@ class Source(gr.sync_block):
 flowgraph, source = gr.top_block(), Source()
 flowgraph.connect(source, blocks.null_sink(2))
 try:
-    start_flowgraph(flowgraph, lambda: {stopped}, "--args", "driver=x", limit_s=0.3)
+    start_flowgraph(flowgraph, lambda _: {stopped}, "--args", "driver=x", limit_s=0.3)
 except ValueError as error:
     os.write(2, str(error).encode())
 os._exit(0)
