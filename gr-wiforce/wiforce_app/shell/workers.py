@@ -85,15 +85,13 @@ def run_tasks(function, tasks: Sequence, jobs=None) -> Iterator[Outcome]:
         pool = ProcessPoolExecutor(min(jobs, len(waiting)), context, _prepare_worker)
         running, lost = {}, []
         try:
-            running = {pool.submit(_outcome_of, function, tasks[index]): index for index in waiting}
+            running = {pool.submit(_outcome_of, function, i, tasks[i]): i for i in waiting}
             for done in as_completed(running):
-                index = running[done]
                 error = done.exception()
                 if isinstance(error, BrokenProcessPool):
-                    lost.append(index)
+                    lost.append(running[done])
                 else:
-                    kind, value = ("error", error) if error else done.result()
-                    yield Outcome(index, **{kind: value})
+                    yield Outcome(running[done], error=error) if error else done.result()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             _end_children()
@@ -123,17 +121,17 @@ def _end_children():
             process.join()
 
 
-def _outcome_of(function, task):
-    """``result`` or ``error`` of a call, and its value, as they can be sent to another process."""
+def _outcome_of(function, index, task):
+    """The outcome of a call, as it can be sent to another process."""
     try:
-        return "result", function(task)
+        return Outcome(index, function(task))
     except Exception as error:
         try:
             pickle.loads(pickle.dumps(error))
         except Exception:
             # An exception whose constructor takes something else than its text.
-            return "error", RuntimeError(f"{type(error).__name__}: {error}")
-        return "error", error
+            return Outcome(index, error=RuntimeError(f"{type(error).__name__}: {error}"))
+        return Outcome(index, error=error)
 
 
 def _prepare_worker():
