@@ -40,7 +40,11 @@ class ForceCurve:
     @cached_property
     def slope(self) -> np.ndarray:
         """In deg/N at its forces, (n,); curves that are only tried need none."""
-        return curves.slope_over_force(lambda n: self.basis(n) @ self.coefficients, self.force_n)
+        return curves.slope_over_force(self.value, self.force_n)
+
+    def value(self, force_n: np.ndarray | float) -> np.ndarray:
+        """Phases in degrees at forces in N."""
+        return self.basis(force_n) @ self.coefficients
 
 
 class CurveFitter:
@@ -99,10 +103,6 @@ class CurveFitter:
         residual = (value_deg - basis @ coefficients)[order]
         own = self.basis, force_n[order], coefficients, np.linalg.inv(precision)
         return ForceCurve(*own, residual, float(freedom))
-
-    def value(self, fit: ForceCurve, force_n: np.ndarray | float) -> np.ndarray:
-        """Evaluate a fitted curve, in degrees, at forces in N."""
-        return self.basis(force_n) @ fit.coefficients
 
 
 def _penalised_normal(basis: np.ndarray, penalty: np.ndarray) -> np.ndarray:

@@ -235,7 +235,7 @@ def find_wrong_rows(fitted: CarrierFit) -> list[str]:
         after = fitter.fit(np.delete(force_n, row), np.delete(curve.added_deg, row))
         residual = np.insert(after.residual, row, 0.0)
         if _is_better(noise.log_ratio(fit, residual, after.freedom), rows):
-            off_deg = curve.added_deg[row] - fitter.value(after, force_n[row])
+            off_deg = curve.added_deg[row] - after.value(force_n[row])
             found.append(
                 f"the phase of {force_n[row]:g} N {where} is {off_deg:+.1f} deg beside the curve "
                 "of the others: was it measured, or typed, wrong?"

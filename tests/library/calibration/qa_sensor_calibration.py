@@ -324,7 +324,7 @@ def test_the_spline_never_turns_back():
     force = np.sort(rng.uniform(2, 8, 40))
     value = 20 * np.tanh((force - 2) / 2) + rng.normal(0, 1.5, 40)
     fitter = CurveFitter("spline", force_knots("spline", force), [(force, value)])
-    curve = fitter.value(fitter.fit(force, value), np.linspace(1, 10, 500))
+    curve = fitter.fit(force, value).value(np.linspace(1, 10, 500))
     assert np.all(np.diff(curve) >= -1e-9)
 
 
