@@ -64,8 +64,8 @@ def option_lines(parameter):
         value = "" if parameter.is_flag or parameter.count else f" {parameter.make_metavar()}"
         yield from (".TP", rf"\fB{roff(names)}\fR{roff(value) and ' ' + roff(value)}")
         default = parameter.default
-        shown = parameter.show_default and default is not None and not callable(default)
-        yield roff((parameter.help or "") + (f" Default: {default}." if shown else ""))
+        stated = isinstance(default, str | int | float) and not parameter.is_flag
+        yield roff((parameter.help or "") + (f" Default: {default}." if stated else ""))
 
 
 def command_lines(name, each):

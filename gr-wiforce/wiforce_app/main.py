@@ -85,7 +85,7 @@ def _set_debug(ctx, _, asked):
     commands=COMMANDS,
     groups=_GROUPS,
     examples=("read press -o press.csv --plot press.png",),
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
     epilog="Exit status: 0, 2 bad input, 1 failure, 130 Ctrl-C, 143 SIGTERM, 141 closed. What runs "
     "until interrupted (live, watch, emulate, read --follow) ends with 0 then.",
 )

@@ -107,9 +107,7 @@ COLUMNS = (
 
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Rows as JSON.")
-@click.option(
-    "--presses", default=30, type=IntegerRange(1), show_default=True, help="At each sample rate."
-)
+@click.option("--presses", default=30, type=IntegerRange(1), help="At each sample rate.")
 def live(as_json, presses):
     """Measure the delay of readings behind the samples and behind a press.
 

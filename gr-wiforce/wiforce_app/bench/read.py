@@ -66,7 +66,6 @@ COLUMNS = (
     "--seconds",
     type=FiniteRange(4.0),
     default=60.0,
-    show_default=True,
     help="Length of each recording.",
 )
 @click.option(

@@ -58,7 +58,7 @@ COLUMNS = (
 
 @click.command()
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
-@click.option("--only", default="", help="Run only stresses whose name contains this.")
+@click.option("--only", help="Run only stresses whose name contains this.")
 def stress(as_json, only):
     """Worst errors under strong clutter, extreme levels and nearly singular equations.
 
@@ -68,7 +68,7 @@ def stress(as_json, only):
     from gnuradio import gr
 
     gr.logging().set_default_level(gr.log_levels.off)
-    wanted = [task for task in tasks() if only in task.name]
+    wanted = [task for task in tasks() if (only or "") in task.name]
     if not wanted:
         raise click.BadParameter(
             f"no stress has a name that contains {only!r}", param_hint="--only"

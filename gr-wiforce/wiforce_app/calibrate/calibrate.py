@@ -68,19 +68,17 @@ def _numbers(context, parameter, value):
     help="What TABLE is; by its columns when not given.",
 )
 @click.option("--name", help="Name of the sensor; the output's name by default.")
-@click.option("--length-mm", type=Number(), default=80.0, show_default=True)
+@click.option("--length-mm", type=Number(), default=80.0)
 @click.option(
     "--permittivity",
     type=Number(),
     default=1.0,
-    show_default=True,
     help="Effective relative permittivity of the line.",
 )
 @click.option(
     "--form",
     type=click.Choice(("auto", "auto-beyond", *FORMS)),
     default="auto",
-    show_default=True,
     help="Curves of force; auto: by cross-validation, auto-beyond: outside the forces too.",
 )
 @click.option("--onset-force-n", type=Number(), help="Force at which the line is first shorted.")
@@ -88,7 +86,6 @@ def _numbers(context, parameter, value):
     "--location-steps",
     type=click.Choice(["nearest", "given", "line"]),
     default="nearest",
-    show_default=True,
     help="Phases from one location to the next: as measured, turns of 360 deg by the line; as "
     "given; or those of the line, only the movement with force measured.",
 )
@@ -151,7 +148,6 @@ def _numbers(context, parameter, value):
     "--sweeps",
     type=IntegerRange(1, 20),
     default=1,
-    show_default=True,
     help="With --live: runs over the forces at each location, rising and falling in turn.",
 )
 @click.option(
@@ -163,10 +159,9 @@ def _numbers(context, parameter, value):
 @click.option(
     "--scale-unit",
     default="N",
-    show_default=True,
     help=f"Unit of a serial scale whose lines contain none: {UNITS}.",
 )
-@click.option("--baud", type=IntegerRange(1), default=9600, show_default=True)
+@click.option("--baud", type=IntegerRange(1), default=9600)
 def calibrate(
     table,
     output,

@@ -46,7 +46,6 @@ _OF_ANOTHER = (
     "--std-deg",
     type=FiniteRange(0, min_open=True),
     default=DEFAULT_STD_DEG,
-    show_default=True,
     help="Standard deviation of the phases, in degrees.",
 )
 @click.option("--tracked", is_flag=True, help="Follow each press over time_s, as a live reader.")

@@ -83,7 +83,6 @@ evaluate.add_command(paper)
     "--folder",
     type=click.Path(file_okay=False),
     default="evaluation",
-    show_default=True,
     help="Where results and report are kept; existing results are not computed again.",
 )
 @worker_options

@@ -48,7 +48,6 @@ _COLUMNS = ("time_s", "force_n", "force_std_n", "gauge_n", "error_n")
     "--touch-force",
     type=FiniteRange(0, min_open=True),
     default=0.5,
-    show_default=True,
     metavar="NEWTONS",
     help="Force of the gauge from which the sensor must read a touch.",
 )

@@ -16,7 +16,6 @@ _seconds = partial(
     click.option,
     type=FiniteRange(0, min_open=True),
     default=2.0,
-    show_default=True,
     metavar="S",
 )
 
@@ -85,7 +84,6 @@ def _lines(answer, problems):
 @click.option(
     "--client",
     default="client",
-    show_default=True,
     metavar="NAME",
     help="Name of the client that gets keys.",
 )

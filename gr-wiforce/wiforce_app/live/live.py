@@ -100,7 +100,6 @@ from ..shell.provenance import provenance
     "--latency",
     type=click.Choice(list(RECEIVE_S)),
     default="low",
-    show_default=True,
     help="How soon readings come: 'relaxed' takes less processor time and 20 ms more.",
 )
 @click.option(
@@ -116,14 +115,12 @@ from ..shell.provenance import provenance
     "--log-level",
     type=click.Choice(list(LEVELS)),
     default="info",
-    show_default=True,
     help="Least important messages to write.",
 )
 @click.option(
     "--log-format",
     type=click.Choice(FORMATS),
     default="auto",
-    show_default=True,
     help="journal: begin messages with <N>, their level for systemd's journal; auto detects it.",
 )
 def live(

@@ -42,6 +42,7 @@ _CRYSTAL_HZ = FiniteRange(1e5, 2e7)
     type=CARRIER_HZ,
     multiple=True,
     default=(900e6, 2.4e9),
+    show_default=False,
     help="Carrier; may be repeated. Default: 900 MHz and 2.4 GHz.",
 )
 @click.option("--clock-hz", type=_CLOCK_HZ, help="Also settings of the tag's firmware for a clock.")

@@ -50,7 +50,6 @@ _MARK = "# Written by gr-wiforce demo, which replaces the files of this folder w
     "--folder",
     type=click.Path(file_okay=False),
     default="demo",
-    show_default=True,
     help="Where files are written. Files that are not from an earlier demo are not replaced.",
 )
 def demo(folder):

@@ -55,7 +55,6 @@ def schema(kind):
     "--datatype",
     type=click.Choice(["ci16_le", "cf32_le"]),
     default="ci16_le",
-    show_default=True,
     help="Samples as 16-bit integers, as from a USRP, or as floats.",
 )
 @click.option(

@@ -146,7 +146,6 @@ _OF_A_RADIO = (
         "--driver",
         type=click.Choice(list(DRIVERS)),
         default="uhd",
-        show_default=True,
         help="Library that opens the device: UHD, or SoapySDR for other radios.",
     ),
     click.option(
@@ -173,7 +172,6 @@ _OF_A_RADIO = (
         "--amplitude",
         type=FiniteRange(0, 1, min_open=True),
         default=0.5,
-        show_default=True,
         help="Transmit amplitude: root of the mean preamble power over full scale.",
     ),
 )
