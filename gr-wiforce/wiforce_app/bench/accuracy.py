@@ -110,15 +110,12 @@ class SnapshotChain:
 
     def process_tones(self, groups):
         """As `process`, of a batch with tones (G, M, K)."""
-        return self._onward(self.separator.process(groups))
+        return self._finish(self.difference.process(self.separator.process(groups)))
 
     def flush(self):
         """Give the groups still held back."""
-        ready = self._onward(self.separator.flush())
-        return Groups.concatenate([ready, self._finish(self.difference.flush())])
-
-    def _onward(self, groups):
-        return self._finish(self.difference.process(groups))
+        ready = self.difference.process(self.separator.flush())
+        return self._finish(Groups.concatenate([ready, self.difference.flush()]))
 
     def _finish(self, groups):
         return self.unfolder.process(self.average.process(groups))
