@@ -88,15 +88,10 @@ def invert(phases, model, outputs, frequency_hz, std_deg, tracked, smoothed):
         suspected = [_OF_ANOTHER]
     for text in suspected:
         log.warning(f"{phases}: {text}")
-    readings = (
-        _reading(row, sensor, std_deg, state, found.get(index))
-        for index, (row, state) in enumerate(zip(rows, touch.tolist(), strict=True))
-    )
+    for index, (row, state) in enumerate(zip(rows, touch.tolist(), strict=True)):
+        row |= {"touch": state, "found": found.get(index)}
     with writer:
-        writer.write_all(
-            next(readings) if math.isfinite(row[_NEEDED[0]]) else _without_phases(row, sensor)
-            for row in every
-        )
+        writer.write_all(_reading(row, sensor.name, std_deg) for row in every)
 
 
 def _read(path):
@@ -156,21 +151,16 @@ def _values(read):
     return zip(*(getattr(read, name).tolist() for name in ESTIMATES), read.flags, strict=True)
 
 
-def _without_phases(row, sensor):
-    """The reading of a row without phases: no value; `gap` as stated, or not received."""
-    name, flag = row["sensor"] or sensor.name, "gap" if "gap" in row["flags"].split() else "weak"
-    return Reading(row["time_s"], name, flags=(flag,), group=row["group"])
+def _reading(row, sensor, std):
+    """A row's reading: of a ``touch`` of -1, which is unknown, and ``found`` None without a touch.
 
-
-def _reading(row, sensor, std, touch, found):
-    """A row's reading; ``touch`` is -1 where it is unknown, ``found`` None where not touched."""
-    common = {
-        "time_s": row["time_s"],
-        "sensor": row["sensor"] or sensor.name,
-        "phase1_deg": float(wrap_deg(row["phase1_deg"])),
-        "phase2_deg": float(wrap_deg(row["phase2_deg"])),
-        "group": row["group"],
-    }
+    A row without phases has no value; it is flagged `gap` as stated, or not received.
+    """
+    common = {"time_s": row["time_s"], "sensor": row["sensor"] or sensor, "group": row["group"]}
+    if "touch" not in row:
+        return Reading(**common, flags=("gap" if "gap" in row["flags"].split() else "weak",))
+    common |= {name: float(wrap_deg(row[name])) for name in _NEEDED}
+    touch, found = row["touch"], row["found"]
     if found is None:
         flags = ("weak",) if std > WEAK_PHASE_DEG or touch < 0 else ()
         return Reading(**common, touch=None if touch < 0 else touch, flags=flags)
