@@ -9,7 +9,7 @@ from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.files.writers import open_writer
 from gnuradio.wiforce.io.outputs import Outputs
 from gnuradio.wiforce.io.readings import ESTIMATES, WEAK_FORCE_N, WEAK_PHASE_DEG, Reading
-from gnuradio.wiforce.io.text.textfile import cell_number, read_csv
+from gnuradio.wiforce.io.text.textfile import cell_number, read_csv, require_columns
 from gnuradio.wiforce.sensor import load_sensor
 from gnuradio.wiforce.sensor.inversion import DEFAULT_STD_DEG
 from gnuradio.wiforce.sensor.model import touch_of
@@ -100,9 +100,7 @@ def _read(path):
     if "y_mm" in header:
         rule = "holds readings of a surface, which are not computed from one sensor's phases: "
         raise InputError(path, f"{rule}`gr-wiforce read` computes them from the capture")
-    for column in _NEEDED:
-        if column not in header:
-            raise InputError(path, f"must have a column {column}", ", ".join(header))
+    require_columns(path, header, _NEEDED)
     empty = dict.fromkeys(("time_s", "location_mm", "location_std_mm"), math.nan)
     rows = []
     for number, line in lines:

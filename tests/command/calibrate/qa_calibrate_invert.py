@@ -102,7 +102,7 @@ def test_invert_warns_of_radians_and_of_phases_that_do_not_fit(inverted, line):
     [
         ("", "has no rows"),
         ("phase1_deg,phase2_deg\n", "has no rows"),
-        ("phase1_deg\n1\n", "must have a column phase2_deg"),
+        ("phase1_deg\n1\n", "phase2_deg (missing: phase2_deg)"),
         ("phase1_deg,phase1_deg\n1,2\n", "must have different names, got 'phase1_deg'"),
         # A decimal comma shifts all fields behind it.
         ("phase1_deg,phase2_deg\n1,2\n1,5,2\n", "row 3: must have as many fields as there are"),
