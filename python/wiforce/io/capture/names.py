@@ -10,6 +10,7 @@ from typing import NamedTuple
 from ...errors import InputError
 
 SUFFIXES = (".sigmf-data", ".sigmf-meta")
+_META = SUFFIXES[1]
 SNAPSHOTS_SUFFIX = ".npz"
 
 
@@ -46,9 +47,6 @@ def files_of(data: Path) -> tuple[Path, ...]:
 def is_snapshots(path: str | Path) -> bool:
     """Whether a file is one of channel snapshots, by its name."""
     return Path(path).suffix.lower() == SNAPSHOTS_SUFFIX
-
-
-_META = ".sigmf-meta"
 
 
 class NamedCapture(NamedTuple):
