@@ -327,26 +327,19 @@ def stored(file, current):
     return content["result"] if content.get("fingerprint") == current else None
 
 
-def _figure_text(value):
-    """A number as text for a table, or none; what is text already stays."""
-    if value is None:
-        return ""
-    return value if isinstance(value, str) else f"{value:.3g}"
-
-
 _ERRORS = (
-    Column("force (N)", "force_n", _figure_text),
-    Column("90 %", "force_n_90", _figure_text),
-    Column("location (mm)", "location_mm", _figure_text),
-    Column("90 %", "location_mm_90", _figure_text),
+    Column("force (N)", "force_n", ".3g"),
+    Column("90 %", "force_n_90", ".3g"),
+    Column("location (mm)", "location_mm", ".3g"),
+    Column("90 %", "location_mm_90", ".3g"),
     Column("flagged", "flagged"),
 )
 _COLUMNS = (
     Column("scene", "scene"),
     Column("sensor", "sensor"),
     Column("method", "method"),
-    Column("phase (deg)", "phase_deg", _figure_text),
-    Column("phase rms", "phase_rms_deg", _figure_text),
+    Column("phase (deg)", "phase_deg", ".3g"),
+    Column("phase rms", "phase_rms_deg", ".3g"),
     *_ERRORS,
     Column("paper's figure", "published"),
 )
@@ -355,7 +348,7 @@ _CAUSES = (
     Column("published", "published"),
     Column("cause", "cause"),
     Column("paper's method", "papers"),
-    Column("phase rms of ours", "phase_rms_deg", _figure_text),
+    Column("phase rms of ours", "phase_rms_deg", ".3g"),
     *_ERRORS[::2],
 )
 
@@ -387,9 +380,9 @@ def cause_table(results, figures):
         # Error bars, where the paper has some.
         bar = figure.get("error_bar")
         ends = [figure[key]] if bar is None else [figure[key] - bar, figure[key] + bar]
-        first = {"scene": name, "published": f"{' to '.join(map(_figure_text, ends))} {unit}"}
+        first = {"scene": name, "published": f"{' to '.join(f'{end:.3g}' for end in ends)} {unit}"}
         for cause, (ours, _, corrected) in causes.items():
-            papers = f"{_figure_text(corrected.get(key))} {unit}"
+            papers = f"{corrected.get(key, np.nan):.3g} {unit}"
             rows.append({**ours, **first, "cause": cause, "papers": papers})
             first = {}
         rows.append({"cause": "range of ours", **_ranges(causes)})

@@ -13,7 +13,7 @@ import click
 class Column:
     """A column of a table: title, key of its value in a row, and its format or a function.
 
-    Lists, of both ends, are separated by slashes; None or nothing is left empty.
+    Lists, of both ends, are separated by slashes; None or nothing is left empty, text stays.
     """
 
     title: str
@@ -26,6 +26,8 @@ class Column:
         return "/".join("" if v is None else self._written(v) for v in values)
 
     def _written(self, value: Any) -> str:
+        if isinstance(value, str):
+            return value
         return format(value, self.form) if isinstance(self.form, str) else self.form(value)
 
 
