@@ -139,13 +139,12 @@ class RoomNews:
     """What each survey of a run has found that the one before had not."""
 
     def __init__(self):
-        self._latest, self._known = None, []
+        self._known = []
 
     def report(self, found):
         """Print the findings that matter, where they differ from those printed before."""
-        if found is None or found is self._latest:
+        if found is None:
             return
-        self._latest = found
         mattering = [finding for finding in found if finding.matters]
         # Frequencies and levels differ a little from survey to survey.
         known = [(each.kind, round(each.frequency_hz), each.handling) for each in mattering]
