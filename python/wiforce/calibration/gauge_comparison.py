@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import minimize_scalar
 from scipy.signal import correlate, correlation_lags
 
@@ -205,8 +206,7 @@ class _Average:
 
     def __init__(self, gauge: GaugeRecord, window_s: float) -> None:
         self._time_s, self._half_s = gauge.time_s, window_s / 2
-        steps = np.diff(gauge.time_s) * (gauge.force_n[1:] + gauge.force_n[:-1]) / 2
-        self._integral = np.cumsum(np.append(0.0, steps))
+        self._integral = cumulative_trapezoid(gauge.force_n, gauge.time_s, initial=0)
         interval_s = np.diff(gauge.time_s)
         # Over less than a window, what was not recorded hardly changes the mean.
         hole = interval_s > max(_HOLE * float(np.median(interval_s)), window_s)
