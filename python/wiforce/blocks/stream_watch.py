@@ -19,7 +19,7 @@ from ..estimation.capture.recorded_frames import (
 )
 from ..estimation.groups import Array
 from ..io.readings import Reading
-from ..planning.findings import wrong_clock, wrong_clocks
+from ..planning.findings import wrong_clocks
 from ..planning.plan import Plan
 from ..press.sensor_state import CLIPPED, PATIENCE_S, describe_doubt, describe_silence
 from ..receiver.stream import StreamReader
@@ -251,8 +251,8 @@ class StreamWatch:
         if "saturated" in flags:
             return describe_doubt(sensor, CLIPPED)
         unknown = flags and sensor not in self._clear
-        if unknown and (clock := wrong_clock(self._stream.survey, self._plan, sensor)):
-            return clock
+        if unknown and (wrong := wrong_clocks(self._stream.survey, self._plan).get(sensor)):
+            return wrong
         unread = "moved" in flags and all(reading.touch is None for reading in readings)
         if ("ambiguous" in flags or unread) and (doubt := problem(sensor)):
             return describe_doubt(sensor, doubt)

@@ -36,13 +36,10 @@ def other_clocks(clocks_hz: Sequence[float]) -> str:
     )
 
 
-def wrong_clock(survey: Survey | None, plan: Plan, sensor: str) -> str:
-    """That a tag is received beyond its tolerance, or at a simple multiple of its clock."""
-    if survey is None:
-        return ""
-    tag = _names(plan).index(sensor)
+def _wrong_clock(survey: Survey, plan: Plan, tag: int) -> str:
+    """What :func:`wrong_clocks` says of one sensor; empty where its clock is right."""
     clock, listed = plan.clocks[tag], plan.require_scene().sensors[tag]
-    stated_hz = listed.clock_hz
+    sensor, stated_hz = listed.name, listed.clock_hz
     reach_hz = stated_hz * listed.clock_tolerance_ppm * 1e-6
     sources = [source for source in survey.sources if source.kind != "lamps"]
     tags_hz = [source.fundamental_hz for source in sources if source.kind == "tag"]
@@ -76,8 +73,10 @@ def wrong_clock(survey: Survey | None, plan: Plan, sensor: str) -> str:
 
 
 def wrong_clocks(survey: Survey | None, plan: Plan) -> dict[str, str]:
-    """What :func:`wrong_clock` says, of the sensors of which it says something."""
-    found = {name: wrong_clock(survey, plan, name) for name in _names(plan)}
+    """Tags that are received beyond their tolerance, or at a simple multiple of their clock."""
+    if survey is None:
+        return {}
+    found = {name: _wrong_clock(survey, plan, tag) for tag, name in enumerate(_names(plan))}
     return {name: wrong for name, wrong in found.items() if wrong}
 
 
