@@ -131,8 +131,8 @@ void press_filter::leave(const explanation& from, double probability, bool cools
     else {
         // Now it is seen from where the press before looked as it did.
         const auto was = from.press.motion.phase();
-        likelihood = log_density(d_image->density({ was[0] - d_group.phase[0],
-                                                    was[1] - d_group.phase[1] })) +
+        likelihood = log_density(d_image->density(
+                         { was[0] - d_group.phase[0], was[1] - d_group.phase[1] })) +
                      find_strength(*next, any_amplitude);
         reset_baseline(*next);
         next->line.known = true;
