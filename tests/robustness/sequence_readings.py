@@ -45,8 +45,8 @@ def _plan(sequence):
     return plan_of(len(sequence.tags), sequence.snapshots, turns, effects)
 
 
-class _AsSeparated:
-    """In place of the separation: groups that have been separated."""
+class AsSeparated:
+    """In place of a receiver's separation: groups that have been separated."""
 
     acquisition_groups = 0
 
@@ -99,7 +99,7 @@ def by_receiver(sequence, sizes=_BATCHES):
     """Readings of groups that are separated already, in batches of these sizes."""
     plan = _plan(sequence)
     groups, receiver = _separated(sequence, plan), Receiver(plan)
-    receiver.separation = _AsSeparated()
+    receiver.separation = AsSeparated()
     readings = []
     for batch, tare in _batches(sequence, sizes):
         if tare is not None:
@@ -283,8 +283,6 @@ def main():
     """python3 sequence_readings.py SEEDS N_g[,N_g...] [FAMILY ...] [--stream] [-v | --csv]"""
     import sys
     import time
-
-    from press_sequences import FAMILIES
 
     words = [word for word in sys.argv[1:] if not word.startswith("-")]
     for snapshots in map(int, words[1].split(",")):

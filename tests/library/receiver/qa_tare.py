@@ -8,19 +8,10 @@ from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.receiver import Receiver
 from long_cases import cases
 from plain import WAVEFORM
+from sequence_readings import AsSeparated
 
 K = len(WAVEFORM.bins)
 STD_DEG = 0.1
-
-
-class AsSeparated:
-    """In place of the separation: groups that have been separated."""
-
-    def process(self, groups):
-        return groups
-
-    def flush(self):
-        return Groups([])
 
 
 class Bench:
