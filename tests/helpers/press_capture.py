@@ -115,16 +115,20 @@ def running(flowgraph):
 class Run:
     """What blocks in a row, the last of which gives complex vectors, give to their end.
 
+    In place of the first one, several sources may be given for the inputs of the second.
     ``items``: (n, length). ``tags``: values by their key, and by the offset of the item.
     ``incomplete``: (group, mask, snapshots) of each group that was announced as incomplete.
     """
 
-    def __init__(self, *chain):
+    def __init__(self, first, *chain):
+        chain = [*chain] if isinstance(first, tuple) else [first, *chain]
         length = chain[-1].output_signature().sizeof_stream_item(0) // gr.sizeof_gr_complex
         sink, messages = blocks.vector_sink_c(length), blocks.message_debug()
         flowgraph = gr.top_block()
         flowgraph.connect(*chain, sink)
-        for block in chain[1:]:
+        for port, source in enumerate(first if isinstance(first, tuple) else ()):
+            flowgraph.connect(source, (chain[0], port))
+        for block in chain:
             if names.INCOMPLETE in pmt.to_python(block.message_ports_out()):
                 flowgraph.msg_connect((block, names.INCOMPLETE), (messages, "store"))
         flowgraph.run()

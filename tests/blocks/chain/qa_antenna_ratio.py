@@ -12,7 +12,7 @@ import pmt
 import pytest
 from command_runs import run_command, succeeded
 from device_times import tag_at
-from gnuradio import blocks, gr, wiforce
+from gnuradio import wiforce
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture import open_capture
 from gnuradio.wiforce.io.capture.names import second_antenna
@@ -21,7 +21,7 @@ from gnuradio.wiforce.scene import load_scene
 from gnuradio.wiforce.signal.carrier import wrap_deg
 from gnuradio.wiforce.signal.waveform import sounding_waveform
 from gnuradio.wiforce.simulation.simulator import simulate
-from press_capture import SLOW, array_source, codes_of
+from press_capture import SLOW, Run, array_source, codes_of
 from wiforce_app.read.recordings import read_capture
 
 SCENE = SLOW | {
@@ -44,14 +44,8 @@ SCENE = SLOW | {
 def test_antenna_ratio_block_gives_folded_vectors_of_the_ratio():
     waveform, rng = sounding_waveform(), np.random.default_rng(2)
     folded = (rng.standard_normal((2, 30, 64)) + 1j * rng.standard_normal((2, 30, 64))).astype("c8")
-    sources = [blocks.vector_source_c(x.ravel(), False, 64) for x in folded]
-    ratio, sink = wiforce.antenna_ratio(), blocks.vector_sink_c(64)
-    flowgraph = gr.top_block()
-    for i, source in enumerate(sources):
-        flowgraph.connect(source, (ratio, i))
-    flowgraph.connect(ratio, sink)
-    flowgraph.run()
-    got = np.fft.fft(np.array(sink.data()).reshape(30, 64)) * waveform.equalizer()
+    found = Run(tuple(map(array_source, folded)), wiforce.antenna_ratio())
+    got = np.fft.fft(found.items) * waveform.equalizer()
     wanted = np.divide(*np.fft.fft(folded)[:, :, waveform.bins])
     np.testing.assert_allclose(got[:, waveform.bins], wanted, rtol=1e-4, atol=1e-4)
     assert np.abs(got[:, 0]).max() < 1e-5
@@ -59,13 +53,8 @@ def test_antenna_ratio_block_gives_folded_vectors_of_the_ratio():
 
 def ratio_noise_of(ratio, *tags):
     """Noise tags of the ratio of 20 vectors to themselves, with these tags."""
-    flowgraph, sink = gr.top_block(), blocks.vector_sink_c(64)
     source = array_source(np.ones((20, 64), np.complex64), tags)
-    for port in range(2):
-        flowgraph.connect(source, (ratio, port))
-    flowgraph.connect(ratio, sink)
-    flowgraph.run()
-    return np.concatenate([pmt.f32vector_elements(tag.value) for tag in sink.tags()])
+    return np.concatenate([*Run((source, source), ratio).tags["noise"].values()])
 
 
 @pytest.mark.parametrize(
@@ -144,14 +133,8 @@ def test_saturation_of_either_antenna_flags_its_group_in_recordings(loud):
 
 def test_saturation_of_either_antenna_is_tagged_once_per_snapshot(loud):
     name, scene = loud
-    sources = [wiforce.capture_source(each, scene) for each in (name, second_antenna(name))]
-    ratio, sink = wiforce.antenna_ratio(scene), blocks.vector_sink_c(64)
-    flowgraph = gr.top_block()
-    for port, source in enumerate(sources):
-        flowgraph.connect(source, (ratio, port))
-    flowgraph.connect(ratio, sink)
-    flowgraph.run()
-    tagged = [tag.offset for tag in sink.tags() if str(tag.key) == "saturated"]
+    sources = (wiforce.capture_source(each, scene) for each in (name, second_antenna(name)))
+    tagged = Run(tuple(sources), wiforce.antenna_ratio(scene)).tags["saturated"]
     assert sorted(tagged) == [*range(1000, 1250), *range(1500, 1750)]
 
 
