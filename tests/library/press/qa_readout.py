@@ -103,18 +103,6 @@ def test_readout_magnitude_dip_within_the_noise_is_not_flagged():
     assert "transition" not in readings_of(make_readout(), groups)[30].flags
 
 
-def test_readout_missing_snapshots_and_groups_are_flagged_gap():
-    groups = press(20, 29, 40)
-    groups[10] = group_of(10, groups[10].ratios, missing=100)
-    readings = readings_of(make_readout(), groups[:13] + groups[16:])
-    assert len(readings) == 40 and readings[10].flags == ("gap",) and readings[10].touch == 0
-    for g in (13, 14, 15):
-        assert readings[g].flags == ("gap",) and readings[g].time_s == pytest.approx(
-            (g + 0.5) * PERIOD_S
-        )
-        assert readings[g].touch is readings[g].phase1_deg is readings[g].force_n is None
-
-
 @pytest.mark.parametrize(
     "clock, std_deg, ratio, flags",
     [
