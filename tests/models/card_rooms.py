@@ -12,13 +12,17 @@ PERIOD_S = 0.25
 FORCE_N, LOCATION_MM = 4, 35
 
 
-def scene_of():
+def scene_of(clocks_hz=(134,)):
+    """A scene of tags ``tag0`` and so on: 225 packets in a quarter of a second."""
     return {
         "packets": {"interval_s": PERIOD_S / 225},
         "radio": {"center_frequency_hz": 2.44e9},
         "phase_group": {"snapshots": 225},
         "reference_s": 1.5,
-        "sensors": [{"name": "tag", "model": "line-2440mhz", "clock_hz": 134}],
+        "sensors": [
+            {"name": f"tag{i}", "model": "line-2440mhz", "clock_hz": hertz}
+            for i, hertz in enumerate(clocks_hz)
+        ],
     }
 
 

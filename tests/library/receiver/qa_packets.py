@@ -4,11 +4,11 @@
 import json
 from pathlib import Path
 
+import card_rooms
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from card_rooms import quietly_read
 from command_runs import refused, run_command, succeeded
 from gnuradio import wiforce
 from gnuradio.wiforce._config import DATA_DIR
@@ -25,17 +25,8 @@ REFERENCE_GROUPS = 6
 
 def scene_of(clocks_hz=(120, 134), **more):
     """The scene to read captures of the independent simulator with: 450 packets in 0.5 s."""
-    scene = {
-        "packets": {"interval_s": PERIOD_S / 450},
-        "radio": {"center_frequency_hz": 2.44e9},
-        "phase_group": {"snapshots": 450},
-        "reference_s": REFERENCE_GROUPS * PERIOD_S,
-        "sensors": [
-            {"name": f"tag{i}", "model": "line-2440mhz", "clock_hz": hertz}
-            for i, hertz in enumerate(clocks_hz)
-        ],
-    }
-    return scene | more
+    groups = {"phase_group": {"snapshots": 450}, "reference_s": REFERENCE_GROUPS * PERIOD_S}
+    return card_rooms.scene_of(clocks_hz) | groups | more
 
 
 def capture_of(seed=1, **more):
@@ -50,7 +41,7 @@ def capture_of(seed=1, **more):
 
 def readings_of(capture, folder, scene=None):
     capture.save(folder / "p.npz")
-    return quietly_read(folder / "p.npz", scene or scene_of())
+    return card_rooms.quietly_read(folder / "p.npz", scene or scene_of())
 
 
 def touched(readings, capture):
