@@ -33,10 +33,8 @@ def probability(found, which, groups):
 
 
 def likeliest(found, groups):
-    """Index of the likeliest outcome of each group, and whether there is one; shape (G,)."""
-    there = np.zeros(groups, bool)
-    there[found["row"]] = True
-    return np.where(there, np.searchsorted(found["row"], np.arange(groups)), 0), there
+    """Index of the likeliest outcome of each group, shape (G,)."""
+    return np.searchsorted(found["row"], np.arange(groups))
 
 
 def filter_for(off=0.0, period_s=PERIOD_S, **parameters):
@@ -72,6 +70,12 @@ def explained(rows, press_filter=None, **parameters):
         press_filter = filter_for(period_s=period_s, **parameters)
     found = np.concatenate([press_filter.take(rows), later(press_filter.newest(), len(rows))])
     return later(found[found["row"] > 0], -1)
+
+
+def share_of(state, rows, press_filter=None, **parameters):
+    """Probability of a state in each of the groups; shape (G,)."""
+    found = explained(rows, press_filter, **parameters)
+    return probability(found, found["is"] == state, len(rows))
 
 
 def state_of(found, group):
@@ -115,7 +119,7 @@ def test_average_begins_anew_with_a_press_and_follows_a_slow_one():
     phases[60:460] += 0.25 * NOISE_DEG * np.arange(400)[:, None] * (0.3, 1)
     truth = PRESS + 0.25 * NOISE_DEG * np.arange(400)[:, None] * (0.3, 1)
     found = explained(rows_of(phases), smoothing_s=SMOOTHING_S)
-    first, _ = likeliest(found, len(phases))
+    first = likeliest(found, len(phases))
     means = np.degrees(np.angle(ratios_of(found[first[60:460]]) * np.exp(-1j * np.radians(truth))))
     assert np.abs(means[0] - (phases[60] - truth[0])).max() < 1e-6
     std = np.degrees(np.sqrt(found["mean"]["variance"][first[60:460]]))
@@ -161,7 +165,7 @@ def test_turn_at_mid_line_is_seen_where_off_states_differ(turn_deg):
     rows["amplitude"] = np.log(np.abs(ratios))
     rows["amplitude"] += np.radians(NOISE_DEG) * np.random.default_rng(2).standard_normal((200, 2))
     found = explained(rows, filter_for(off))
-    first, _ = likeliest(found, 200)
+    first = likeliest(found, 200)
     for group, turned in ((90, 0.0), (130, turn_deg), (190, turn_deg)):
         line = np.degrees(found["baseline"][first[group]].mean())
         assert line == pytest.approx(turned, abs=1.0), group
@@ -246,8 +250,7 @@ def test_uneven_loss_is_a_press_where_off_states_hardly_differ(off):
 @pytest.mark.parametrize("off", [0.3, -0.3])
 def test_press_at_mid_line_is_not_read_as_untouched_where_both_switches_reflect(off):
     rows = rows_by_off_states((off, off), phases_of(MIDDLE))
-    found = explained(rows, filter_for(off))
-    assert probability(found, found["is"] == UNTOUCHED, len(rows))[100] < 0.99
+    assert share_of(UNTOUCHED, rows, filter_for(off))[100] < 0.99
 
 
 @pytest.mark.parametrize("off", [0.116 - 0.172j, -0.191 - 0.012j])
@@ -318,9 +321,7 @@ def test_press_lasts_through_groups_in_which_the_supply_fails():
     rows = rows_of(phases_of(MIDDLE, 30, 90, 0, noise_deg=0.03), noise_deg=0.03, period_s=0.144)
     failing = np.arange(40, 119, 5)
     rows["amplitude"][failing] = np.log(np.linspace(0.3, 0.6, len(failing)))[:, None]
-    found = explained(rows)
-    untouched = probability(found, found["is"] == UNTOUCHED, len(rows) - 1)
-    assert untouched[31:119].max() < 0.01
+    assert share_of(UNTOUCHED, rows)[31:119].max() < 0.01
 
 
 @pytest.mark.parametrize("shares", [(0.93,), (0.9, 0.8), (0.6, 0.93), (0.3, 0.5)])
@@ -334,8 +335,7 @@ def test_press_that_fills_no_group_is_a_mixture(shares):
     ratios += noise[0] + 1j * noise[1]
     rows = rows_of(np.degrees(np.angle(ratios)), noise_deg=0.1, period_s=0.036, untouched=10)
     rows["amplitude"] = np.log(abs(ratios))
-    found = explained(rows)
-    mixed = probability(found, found["is"] == MIXED, 59)
+    mixed = share_of(MIXED, rows)
     partial = np.add.outer(np.arange(20, 56, 8), np.arange(len(shares))).ravel()
     assert mixed[partial].min() > 0.1, mixed[partial]
 
@@ -402,8 +402,7 @@ def test_press_at_mid_line_beside_a_turn_is_not_missed(moves):
     ratios += noise * (rng.standard_normal(ratios.shape) + 1j * rng.standard_normal(ratios.shape))
     rows = rows_of(np.degrees(np.angle(ratios)), period_s=period_s, untouched=3)
     rows["amplitude"], rows["variance"] = np.log(abs(ratios)), noise**2
-    found = explained(rows, filter_for(period_s=period_s, smoothing_s=SMOOTHING_S))
-    untouched = probability(found, found["is"] == UNTOUCHED, len(rows))
+    untouched = share_of(UNTOUCHED, rows, smoothing_s=SMOOTHING_S)
     pressed = force_n.reshape(-1, parts).min(axis=1) > 1.2
     pressed[-1] = False  # of which nothing is given yet
     # A release to where the line was speaks for a turn back as well, in the group before it.
@@ -414,8 +413,7 @@ def test_press_at_mid_line_beside_a_turn_is_not_missed(moves):
 def test_nothing_that_happens_is_no_evidence_of_a_touch(period_s):
     """A sensor that nobody touches for half a minute was read as touched, without a flag."""
     groups = int(30 / period_s)
-    found = explained(rows_of(phases_of(0, groups, 0, 0), period_s=period_s))
-    untouched = probability(found, found["is"] == UNTOUCHED, groups)
+    untouched = share_of(UNTOUCHED, rows_of(phases_of(0, groups, 0, 0), period_s=period_s))
     assert untouched[int(1 / period_s) :].min() > 0.99
 
 
@@ -462,9 +460,7 @@ def test_ends_whose_amplitudes_drift_apart_are_untouched(apart_np, noise_deg):
     rows = rows_by_off_states(off, np.zeros((count, 2)), noise_deg=noise_deg, period_s=0.036)
     rows["phase"] += noise[0]
     rows["amplitude"] += noise[1] + np.linspace(0, apart_np / 2, count)[:, None] * [1, -1]
-    found = explained(rows, filter_for(off, 0.036))
-    untouched = probability(found, found["is"] == UNTOUCHED, count)
-    assert untouched[30:-1].min() > 0.99
+    assert share_of(UNTOUCHED, rows, filter_for(off, 0.036))[30:-1].min() > 0.99
 
 
 def test_press_beside_a_turn_that_takes_groups_leaves_its_end_in_doubt():
@@ -500,8 +496,8 @@ def test_press_lasts_through_groups_of_something_else():
         seen = np.exp(1j * rows["phase"][group])
         seen += rng.uniform(0.3, 1.2) * np.exp(2j * np.pi * rng.random(2))
         rows["phase"][group], rows["amplitude"][group] = np.angle(seen), np.log(np.abs(seen))
-    found = explained(rows, filter_of(model, 2400e6, 0.0, period_s=0.036))
-    assert probability(found, found["is"] == UNTOUCHED, 220)[62:158].max() < 0.01
+    untouched = share_of(UNTOUCHED, rows, filter_of(model, 2400e6, 0.0, period_s=0.036))
+    assert untouched[62:158].max() < 0.01
 
 
 def test_line_that_cools_after_a_release_is_not_touched():
@@ -524,7 +520,7 @@ def test_average_of_a_press_is_without_a_group_of_something_else():
     rows = rows_of(phases)
     rows["amplitude"][100] = -0.4
     found = explained(rows, smoothing_s=SMOOTHING_S)
-    first, _ = likeliest(found, len(phases))
+    first = likeliest(found, len(phases))
     after = found[first[101:106]]
     assert (after["is"] == PRESSED).all()
     off = np.degrees(np.angle(ratios_of(after) * np.exp(-1j * np.radians(PRESS))))
@@ -547,11 +543,10 @@ def test_ends_of_unequal_noise_are_followed_as_by_a_filter_of_each(drift_deg, se
     found = explained(rows, drift_deg=drift_deg)
     assert probability(found, found["is"] == UNTOUCHED, groups).min() > 0.99
     # Beside the error that no noise explains, and turns that may happen: a quarter more.
-    first, _ = likeliest(found, groups)
+    first = likeliest(found, groups)
     variance = np.degrees(np.degrees(found["common_variance"][first[200:]])).mean()
     assert variance == pytest.approx(expected, rel=0.25, abs=2e-4)
-    found = explained(rows)  # likewise of a drift that is learned
-    assert probability(found, found["is"] == UNTOUCHED, groups)[20:].min() > 0.5
+    assert share_of(UNTOUCHED, rows)[20:].min() > 0.5  # likewise of a drift that is learned
 
 
 def test_levels_of_amplitudes_change_no_probability():
@@ -560,15 +555,10 @@ def test_levels_of_amplitudes_change_no_probability():
     for group in (60, 120):  # in the middle of which it begins or ends
         seen = (1 + np.exp(1j * np.radians(PRESS))) / 2
         rows["phase"][group], rows["amplitude"][group] = np.angle(seen), np.log(np.abs(seen))
-    found = explained(rows)
+    states = (UNTOUCHED, PRESSED, MIXED)
+    former = [share_of(state, rows) for state in states]
     rows["amplitude"] += np.log(0.3)
-    lower = explained(rows)
-    for state in (UNTOUCHED, PRESSED, MIXED):
-        np.testing.assert_allclose(
-            probability(lower, lower["is"] == state, len(rows)),
-            probability(found, found["is"] == state, len(rows)),
-            atol=1e-6,
-        )
+    np.testing.assert_allclose([share_of(state, rows) for state in states], former, atol=1e-6)
 
 
 def test_difference_is_known_while_an_untouched_tag_turns():
@@ -578,7 +568,7 @@ def test_difference_is_known_while_an_untouched_tag_turns():
     variances = []
     for seen in (phases, turning):
         found = explained(rows_of(seen), drift_deg=0.3, turns_per_s=0.3)
-        first, _ = likeliest(found, 130)
+        first = likeliest(found, 130)
         assert (found["is"][first[105:120]] == UNTOUCHED).all()
         variances.append(found["difference_variance"][first[105:120]].mean())
     assert variances[1] < 1.5 * variances[0]
@@ -592,7 +582,7 @@ def test_cable_that_moves_beside_a_press_takes_its_amplitude_along():
     rows["amplitude"][120:, 0] -= 0.1
     found = explained(rows)
     assert probability(found, found["is"] == UNTOUCHED, len(rows))[182:].min() > 0.9
-    first, _ = likeliest(found, len(rows))
+    first = likeliest(found, len(rows))
     end = found[first[230]]
     np.testing.assert_allclose(np.degrees(end["baseline"]), (8, 0), atol=0.3)
     np.testing.assert_allclose(end["amplitude"], (-0.1, 0), atol=0.01)
