@@ -8,7 +8,7 @@ import click
 from gnuradio.wiforce.errors import InputError
 from gnuradio.wiforce.io.capture.names import recording_stem
 from gnuradio.wiforce.io.files.writers import Rotation, open_writer
-from gnuradio.wiforce.io.network import host_and_port
+from gnuradio.wiforce.io.network import listening_address
 from gnuradio.wiforce.io.network.zmq_sockets import (
     ReadingsPublisher,
     ServerKeys,
@@ -225,7 +225,7 @@ def _add_optional_outputs(outputs, scene, mcap, foxglove, lsl, metadata, run):
         from gnuradio.wiforce.io.network.foxglove_server import FoxgloveServer
 
         outputs.add(FoxgloveServer(foxglove, scene.reading_names))
-        host, _ = host_and_port(foxglove, "--foxglove")
+        host, _ = listening_address(foxglove, "--foxglove")
         if not is_loopback(f"tcp://{host}:0"):
             log.warning(f"--foxglove {foxglove}: everybody who reaches this address can read")
     if lsl is not None:

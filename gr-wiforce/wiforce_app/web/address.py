@@ -9,7 +9,7 @@ import socket
 from dataclasses import dataclass
 
 from gnuradio.wiforce.errors import InputError
-from gnuradio.wiforce.io.network import host_and_port
+from gnuradio.wiforce.io.network import listening_address
 from gnuradio.wiforce.io.optional import check_installed
 
 OPTION = "--web"
@@ -32,7 +32,7 @@ class PageAddress:
         """The address of ``--web``, where beyond loopback a random token is made by default."""
         # Bokeh draws the plots; Tornado, which it brings along, serves the page.
         check_installed(OPTION, ("bokeh", "tornado"))
-        host, port = host_and_port(text, OPTION)
+        host, port = listening_address(text, OPTION)
         if token is not None and not _TOKEN.fullmatch(token):
             raise InputError("--web-token", "must be 16 to 128 letters, digits, - or _")
         if token is None and not cls(host, port).is_loopback:

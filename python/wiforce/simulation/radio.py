@@ -231,7 +231,7 @@ _HOPPER_CHANNELS = 64
 _TIMES, _SIGNAL = 0, 1
 
 
-class Transmitter:
+class NoiseTransmitter:
     """A transmitter that is on the air for a stated share of the time, as received.
 
     Gaussian noise over a ``bandwidth``, a share of the sample rate drawn for each transmission;
@@ -311,13 +311,13 @@ class Transmitter:
 
 def transmitters(
     simulation: Simulation, sources: RandomSources, sample_rate_hz: float, noise_std: float
-) -> list[Transmitter]:
+) -> list[NoiseTransmitter]:
     """The other transmitters of a scene, whose receiver has ``noise_std`` in a sample."""
     found = []
     for name, stated, bandwidth in _others(simulation):
         gain = sources.rotated(np.ones(1))[0] * noise_std * 10 ** (stated.level_db / 20)
         seeds = sources.effect(name)
-        found.append(Transmitter(seeds, sample_rate_hz, stated, gain, bandwidth))
+        found.append(NoiseTransmitter(seeds, sample_rate_hz, stated, gain, bandwidth))
     return found
 
 

@@ -15,7 +15,7 @@ def is_port(text: str) -> bool:
     return re.fullmatch("[0-9]{1,5}", text) is not None and 0 < int(text) < 65536
 
 
-def host_and_port(text: str, option: str) -> tuple[str, int]:
+def listening_address(text: str, option: str) -> tuple[str, int]:
     """Where to listen, from ``PORT`` (on loopback) or ``ADDRESS:PORT``; ``*`` are all addresses.
 
     The address is an IP address, in brackets for IPv6, and returned without them.

@@ -14,7 +14,7 @@ from ..ros_messages import (
     reading_messages,
     topics_of,
 )
-from . import host_and_port
+from . import listening_address
 
 # Messages that wait for a client: some 4 s of one sensor. Of a slower client the oldest are
 # dropped.
@@ -29,7 +29,7 @@ class FoxgloveServer(Output):
     """
 
     def __init__(self, address: str, sensors: Iterable[str]) -> None:
-        host, port = host_and_port(address, _OPTION)
+        host, port = listening_address(address, _OPTION)
         # The writer of mcap_ros2 uses this module; it offers no other way to encode a message.
         modules = optional_modules(_OPTION, ["foxglove", "mcap_ros2._dynamic"])
         self._foxglove, self._encoding = modules
