@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from gnuradio import wiforce
 from gnuradio.wiforce.estimation.groups import Groups
+from gnuradio.wiforce.press.sensor_state import SensorState
 from gnuradio.wiforce.receiver import Receiver
 from plain import WAVEFORM
 from sequence_readings import AsSeparated
@@ -98,6 +99,14 @@ def test_tare_during_a_press_is_refused_and_the_press_is_still_read():
     assert state.state == "refused" and "s0 is touched (5.0" in state.reason
     pairs = bench.run(30, (5.0, 40.0)).finished()
     assert not wrong(pairs) and all(r.touch == 1 for _, r in pairs[-30:])
+
+
+def test_tare_of_a_sensor_in_doubt_is_refused(monkeypatch):
+    bench = Bench()
+    monkeypatch.setattr(SensorState, "problem", "nobody knows")
+    state = bench.receiver.tare()
+    assert state.state == "refused"
+    assert state.reason.startswith("s0 may be touched: nobody knows; release it")
 
 
 @pytest.mark.parametrize("location_mm", [20.0, 40.0, 60.0])
