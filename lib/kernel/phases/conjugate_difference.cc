@@ -163,15 +163,13 @@ double profile_check::factor(std::size_t end, double ratio)
     return factor;
 }
 
-difference conjugate_difference(const end_channels& ends,
-                                const reference_channels& reference,
-                                std::size_t end_count,
-                                std::size_t subcarriers,
-                                profile_check* check)
+void conjugate_difference(const end_channels& ends,
+                          const reference_channels& reference,
+                          std::size_t end_count,
+                          std::size_t subcarriers,
+                          profile_check* check,
+                          const difference& found)
 {
-    difference found{ { ends.gain, ends.gain + end_count },
-                      std::vector<double>(end_count),
-                      std::vector<char>(end_count) };
     const auto weights = weights_of(ends.noise, subcarriers);
     double mean_noise = 0;
     for (std::size_t k = 0; k < subcarriers; k++)
@@ -179,6 +177,7 @@ difference conjugate_difference(const end_channels& ends,
     for (std::size_t end = 0; end < end_count; end++) {
         complex* const channel = ends.values + end * subcarriers;
         const complex* const before = reference.values + end * subcarriers;
+        found.gain[end] = ends.gain[end];
         if (check)
             found.gain[end] *= check->process(
                 end, channel, weights.data(), ends, ends.gain[end] + reference.gain[end]);
@@ -207,7 +206,6 @@ difference conjugate_difference(const end_channels& ends,
                               reshaped_share * energy +
                                   reshaped_noise * finite(found.gain[end]) * mean_noise;
     }
-    return found;
 }
 
 } // namespace gr::wiforce::kernel

@@ -64,19 +64,20 @@ private:
     std::vector<mean> d_means; // by end
 };
 
-// A group's ends against their reference.
+// Where a group's ends are described against their reference.
 struct difference {
-    std::vector<double> gain;   // E: of the ends, with deviations from the profile
-    std::vector<double> power;  // E: weighted mean of |V_ref|^2; 0 without a reference
-    std::vector<char> reshaped; // E: varies over the subcarriers unlike its reference
+    double* gain;   // E: of the ends, with deviations from the profile
+    double* power;  // E: weighted mean of |V_ref|^2; 0 without a reference
+    bool* reshaped; // E: varies over the subcarriers unlike its reference
 };
 
 // Replaces V by V conj(V_ref) over the reference's power, so that the weighted mean over
 // the subcarriers is R. By the check, where there is one, images are removed before.
-difference conjugate_difference(const end_channels& ends,
-                                const reference_channels& reference,
-                                std::size_t end_count,
-                                std::size_t subcarriers,
-                                profile_check* check);
+void conjugate_difference(const end_channels& ends,
+                          const reference_channels& reference,
+                          std::size_t end_count,
+                          std::size_t subcarriers,
+                          profile_check* check,
+                          const difference& found);
 
 } // namespace gr::wiforce::kernel

@@ -54,20 +54,17 @@ py::dict difference_of(const complex_array& ends,
     array<double> gains(by_end), power(by_end), by_reference(by_end);
     array<bool> reshaped(by_end);
     for (py::ssize_t group = 0; group < groups; group++) {
-        const auto found =
-            conjugate_difference({ changes.mutable_data(group, 0, 0),
-                                   gain.data(group, 0),
-                                   noise.data(group, 0),
-                                   noise_rise ? noise_rise->data(group, 0) : nullptr },
-                                 { reference.data(), reference_gain.data() },
-                                 count,
-                                 subcarriers,
-                                 check);
-        std::copy(found.gain.begin(), found.gain.end(), gains.mutable_data(group, 0));
-        std::copy(found.power.begin(), found.power.end(), power.mutable_data(group, 0));
-        std::copy(found.reshaped.begin(),
-                  found.reshaped.end(),
-                  reshaped.mutable_data(group, 0));
+        conjugate_difference({ changes.mutable_data(group, 0, 0),
+                               gain.data(group, 0),
+                               noise.data(group, 0),
+                               noise_rise ? noise_rise->data(group, 0) : nullptr },
+                             { reference.data(), reference_gain.data() },
+                             count,
+                             subcarriers,
+                             check,
+                             { gains.mutable_data(group, 0),
+                               power.mutable_data(group, 0),
+                               reshaped.mutable_data(group, 0) });
         std::copy_n(reference_gain.data(), count, by_reference.mutable_data(group, 0));
     }
     return py::dict("changes"_a = changes,
