@@ -94,10 +94,7 @@ after every gap that an `rx_time` tag reports.)");
              "Samples that count as lost in these slips, known modulo the frame length.")
         .def(
             "mean_frame",
-            [](const preamble_fold& fold) {
-                const auto mean = fold.mean_frame();
-                return py::array_t<std::complex<double>>(mean.size(), mean.data());
-            },
+            [](const preamble_fold& fold) { return copy(fold.mean_frame()); },
             R"(Mean of the first 1000 frames, guards included; empty while they are not
 complete, and where samples are missing among them.)");
 }

@@ -17,11 +17,6 @@ namespace {
 
 using outcome = press_outcome;
 
-py::array_t<outcome> array_of(const std::vector<outcome>& rows)
-{
-    return py::array_t<outcome>(static_cast<py::ssize_t>(rows.size()), rows.data());
-}
-
 py::array_t<outcome> take(press_filter& filter, const array<press_observation>& groups)
 {
     std::vector<outcome> rows;
@@ -41,7 +36,7 @@ py::array_t<outcome> take(press_filter& filter, const array<press_observation>& 
             }
         }
     }
-    return array_of(rows);
+    return copy(rows);
 }
 
 using group_reading = press_reading::reading;
@@ -230,7 +225,7 @@ void bind_press(py::module& m)
              "groups: of press_observation; gives outcomes of the group before each.")
         .def(
             "newest",
-            [](const press_filter& filter) { return array_of(filter.newest()); },
+            [](const press_filter& filter) { return copy(filter.newest()); },
             "The outcomes of the newest group, as far as they are known yet.")
         .def("claim_untouched", &press_filter::claim_untouched)
         .def(
