@@ -54,52 +54,47 @@ class ToneInput:
 
     def collect(self, items: Array, tags: Tags) -> tuple[int, Groups]:
         """Collect items (G, N M) whose messages have arrived: items taken, and their groups."""
-        plan = self._plan
-        group_length = plan.group_length
+        length, taken, kept = self._plan.group_length, len(tags), []
         index = np.array([pmt.to_uint64(own[names.GROUP]) for own in tags], np.int64)
         missing, rejected, saturated = (
             np.array([count_of(own, name) for own in tags])
             for name in (names.MISSING, names.REJECTED, names.SATURATED)
         )
-        tones = occupied_subcarriers(items, self.rows, plan.waveform.bins)
-        incomplete = missing + rejected > 0
-        weights = np.ones((len(index), group_length), bool)
+        retuned, slipped = np.zeros((2, len(tags)), bool)
+        tones = occupied_subcarriers(items, self.rows, self._plan.waveform.bins)
+        weights = np.ones((len(tags), length), bool)
         # The weights of the tones null the static path, which shows what the receiver does.
-        static = np.zeros((len(index), tones.shape[2]), complex)
+        static = np.zeros((len(tags), tones.shape[2]), complex)
         for row, own in enumerate(tags):
+            group = int(index[row])
             if names.STATIC in own:
                 static[row] = self._folded.static(pmt.c32vector_elements(own[names.STATIC]))
-        count = len(index)
-        for row in np.flatnonzero(incomplete):
-            group = int(index[row])
-            if group not in self._messages and self._expected != group:
-                # Its snapshots were sent before it: wait until the messages have been handled.
-                self._expected = group
-                count = row
-                break
-            tones[row], static[row], weights[row] = self._solved(group)
-            if not weights[row].any():
-                missing[row] = group_length
+            if missing[row] + rejected[row] > 0:
+                if group not in self._messages and self._expected != group:
+                    # Its snapshots were sent before it: wait until the messages have been handled.
+                    self._expected, taken = group, row
+                    break
+                tones[row], static[row], weights[row] = self._solved(group)
+                if not weights[row].any():
+                    missing[row] = length
+            # What was given before a slip was found cannot be left out.
+            self._slips.add(misplaced_in(own))
+            marks = self._slips.mark(group, names.RETUNED in own)
+            if marks is not None:
+                slipped[row], retuned[row] = marks
+                kept.append(row)
         groups = Groups(
             index,
             tones,
             missing,
-            is_clipped(saturated, group_length),
-            np.array([names.RETUNED in own for own in tags], bool),
-            weights if incomplete.any() else None,
-            rejected / group_length,
+            is_clipped(saturated, length),
+            retuned,
+            None if weights.all() else weights,
+            rejected / length,
             static,
-        )[:count]
-        kept = np.ones(count, bool)
-        for row, own in enumerate(tags[:count]):
-            # What was given before a slip was found cannot be left out.
-            self._slips.add(misplaced_in(own))
-            marks = self._slips.mark(int(groups.index[row]), bool(groups.retuned[row]))
-            if marks is None:
-                kept[row] = False
-            else:
-                groups.slipped[row], groups.retuned[row] = marks
-        return count, groups[np.flatnonzero(kept)]
+            slipped=slipped,
+        )
+        return taken, groups[np.array(kept, int)]
 
     def _solved(self, group: int) -> tuple[Array | float, ...]:
         """Tones of a group with gaps and the weights of its snapshots; zeros when not solvable."""
