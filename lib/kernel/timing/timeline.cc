@@ -65,6 +65,7 @@ timeline::judgement timeline::note(std::uint64_t item, time time)
         }
         judgement = { verdict::restarts, since_reset };
     }
+    d_lost += static_cast<std::uint64_t>(judgement.off);
     d_last = now;
     d_implausible.reset();
     d_expected = d_expected_most = 0;

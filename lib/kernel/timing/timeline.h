@@ -44,6 +44,9 @@ public:
     // Takes the time of an item; items come in order.
     judgement note(std::uint64_t item, time time);
 
+    // Samples lost so far, as the times say.
+    std::uint64_t lost() const { return d_lost; }
+
     // Samples were lost or repeated since the last time, as the frames show: `lost`,
     // known modulo the frame length. The next time includes them.
     void expect_loss(std::uint64_t lost, std::uint64_t frame_length);
@@ -62,6 +65,7 @@ private:
     bool is_loss(double lead, double longest_s) const;
 
     const double d_sample_rate;
+    std::uint64_t d_lost = 0;
     std::optional<mark> d_last;
     std::optional<mark> d_implausible; // the next one decides
     std::uint64_t d_expected = 0;      // samples lost since d_last, ...

@@ -81,7 +81,7 @@ class FrameSearch:
         """Take up to ``wanted`` samples, complex64 (n,) or int16 (n, 2 A), and their tags."""
         gap = None
         for item, key, value in tags:
-            if pmt.eq(key, _RX_TIME) and self._timeline.note(item, value):
+            if pmt.eq(key, _RX_TIME) and self._timeline.note_tag(item, value):
                 gap = item
             self.tags.append((item, key, value))
         if gap is not None:
@@ -157,7 +157,7 @@ class FrameSearch:
         timeline = Timeline(self._waveform.sample_rate_hz)
         for at, key, value in self.tags:
             if pmt.eq(key, _RX_TIME) and at <= item:
-                timeline.note(at, value)
+                timeline.note_tag(at, value)
         return timeline.time_at(item)
 
 

@@ -380,7 +380,7 @@ class sigmf_recorder(Kept, gr.sync_block):
             if tag is None:
                 break
             if pmt.eq(tag.key, _RX_TIME):
-                if self._timeline.note(self._passed, tag.value):
+                if self._timeline.note_tag(self._passed, tag.value):
                     self._begins, self._resumes = True, False
             # Without a sample yet, the carrier that was stated is the mistake.
             elif self._settings.note(tag, takes_carrier=not self._recorded):
@@ -388,7 +388,7 @@ class sigmf_recorder(Kept, gr.sync_block):
 
     def _record(self, file: FileIO, items: Array) -> None:
         """Record items that follow each other, unless they have another rate or carrier."""
-        if len(items) and self._settings.usable:
+        if len(items) and self._settings.usable():
             if self._resumes:
                 rule = "started again, and no rx_time reports the samples lost in between"
                 raise OSError(errno.ENODATA, rule)
@@ -433,7 +433,7 @@ class sigmf_recorder(Kept, gr.sync_block):
                 **capture,
                 # Of all: those that differ are left out, and the first may have come before its
                 # report.
-                "core:frequency": self._settings.carrier,
+                "core:frequency": self._settings.carrier(),
                 "core:datetime": written_utc(utc_s + capture["core:global_index"] / self._rate),
             }
             for capture in self._captures

@@ -99,7 +99,7 @@ class ResumedTime:
         if self._origin is None:
             self.stream_clock = streams, 0.0
             self._origin = device_time
-            self._timeline.note(0, time_value(*self._origin))
+            self._timeline.note(0, *self._origin)
             return [self._origin]
         position = self._items + self._timeline.lost
         gone = position + max(self._now() - self._last_s, 0.0) * self._rate
@@ -111,7 +111,7 @@ class ResumedTime:
             # The samples of the steps before have times as well.
             item = step - 1
             value = self._after_origin(resumed + item if step == steps else reached)
-            self._timeline.note(self._items + item, time_value(*value))
+            self._timeline.note(self._items + item, *value)
             times.append(value)
         first = _added(times[-1], (0, -(steps - 1) / self._rate))
         self._offset = _added(first, (-device_time[0], -device_time[1]))
@@ -122,7 +122,7 @@ class ResumedTime:
         """Time of a sample, by its index in all streams, from that of the present one's clock."""
         seconds, fraction = _added(device_time, self._offset)
         value = max(seconds, 0), fraction  # a device may report a time that cannot be
-        self._timeline.note(item, time_value(*value))
+        self._timeline.note(item, *value)
         return value
 
     def received(self, count: int) -> None:

@@ -171,7 +171,7 @@ class free_fold(Kept, gr.basic_block):
 
     def _take(self, items: Array) -> None:
         for part, tag in between_tags(self, items):
-            if self._settings.usable:
+            if self._settings.usable():
                 self._fold(self.follower.take(part))
             elif len(part):
                 self._lose(len(part))
@@ -182,7 +182,7 @@ class free_fold(Kept, gr.basic_block):
                 self._retuned = True
             if not pmt.eq(tag.key, _RX_TIME):
                 continue
-            if lost := self._timeline.note(tag.offset, tag.value):
+            if lost := self._timeline.note_tag(tag.offset, tag.value):
                 self._lose(lost)
                 self._gaps += 1
 

@@ -33,29 +33,17 @@ def time_value(seconds: int, fraction: float) -> Any:
     return pmt.make_tuple(pmt.from_uint64(seconds), pmt.from_double(fraction))
 
 
-class Timeline:
+class Timeline(timeline):
     """Position of items on the device's count of samples, by ``rx_time``; some are ``lost``."""
 
-    def __init__(self, sample_rate: float) -> None:
-        self._timeline = timeline(sample_rate)
-        self.lost = 0
-
-    def note(self, offset: int, value: Any) -> int:
+    def note_tag(self, offset: int, value: Any) -> int:
         """Take the tag of an item, of a rising index; give the samples lost just before it.
 
         As in ``preamble_fold``, times that are malformed or implausible are ignored, unless the
         next continues from one.
         """
         time = rx_time_value(value)
-        if time is None:
-            return 0
-        lost = self._timeline.note(offset, *time)
-        self.lost += lost
-        return lost
-
-    def time_at(self, offset: int) -> tuple[int, float] | None:
-        """Device time (whole seconds, fraction) of an item not before the last tag, or None."""
-        return self._timeline.time_at(offset)
+        return 0 if time is None else int(self.note(offset, *time))
 
 
 def between_tags(block: Any, items: Array) -> Iterator[tuple[Array, Any]]:
@@ -71,25 +59,15 @@ def between_tags(block: Any, items: Array) -> Iterator[tuple[Array, Any]]:
     yield items[begin:], None
 
 
-class DeviceSettings:
+class DeviceSettings(device_settings):
     """Whether samples have the rate and carrier that they are read at, as in ``preamble_fold``.
 
     A block of this ``name`` warns where it begins to discard them.
     """
 
     def __init__(self, name: str, sample_rate: float, carrier: float) -> None:
+        super().__init__(sample_rate, carrier)
         self._name, self._rate = name, sample_rate
-        self._settings = device_settings(sample_rate, carrier)
-
-    @property
-    def usable(self) -> bool:
-        """Whether the samples that follow have both."""
-        return self._settings.usable()
-
-    @property
-    def carrier(self) -> float:
-        """Carrier of the samples that are used, in Hz."""
-        return self._settings.carrier()
 
     def note(self, tag: Any, takes_carrier: bool = False) -> bool:
         """Take a tag; whether samples are used again behind it, with new phases.
@@ -98,24 +76,26 @@ class DeviceSettings:
         """
         key, value = str(tag.key), tag.value
         if key == names.RETUNED:
-            return self.usable
+            return self.usable()
         if key not in (names.RX_RATE, names.RX_FREQ):
             return False
         if not (pmt.is_real(value) or pmt.is_integer(value)):
             return False
-        before, is_rate, number = self.usable, key == names.RX_RATE, pmt.to_double(value)
-        (self._settings.note_rate if is_rate else self._settings.note_carrier)(number)
-        if takes_carrier and not is_rate and self._settings.refused_carrier() > 0:
-            gr.log.warn(f"{self._name}: {key} is {number:g}, not {self.carrier:g}, and is recorded")
-            self._settings.expect_carrier(number)
-            self._settings.note_carrier(number)
-        if before and not self.usable:
-            wanted = self._rate if is_rate else self.carrier
+        before, is_rate, number = self.usable(), key == names.RX_RATE, pmt.to_double(value)
+        (self.note_rate if is_rate else self.note_carrier)(number)
+        if takes_carrier and not is_rate and self.refused_carrier() > 0:
+            gr.log.warn(
+                f"{self._name}: {key} is {number:g}, not {self.carrier():g}, and is recorded"
+            )
+            self.expect_carrier(number)
+            self.note_carrier(number)
+        if before and not self.usable():
+            wanted = self._rate if is_rate else self.carrier()
             gr.log.warn(
                 f"{self._name}: {key} is {number:g}, not {wanted:g}; samples are discarded until "
                 "it is set back"
             )
-        return self.usable and not before
+        return self.usable() and not before
 
 
 # Groups are looked at so often, in s of signal.

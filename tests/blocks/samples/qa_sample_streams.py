@@ -257,14 +257,14 @@ def test_resumed_time_long_break_is_plausible_to_the_chain(hours):
     host = itertools.chain([0.0], itertools.repeat(3600.0 * hours))
     times = ResumedTime(RATE, FRAME, now=lambda: next(host))
     chain = Timeline(RATE)
-    chain.note(0, time_value(*times.begin((100, 0.0))[0]))
+    chain.note(0, *times.begin((100, 0.0))[0])
     times.received(1_000_000)
     steps = times.begin((0, 0.5))
-    lost = [chain.note(1_000_000 + item, time_value(*value)) for item, value in enumerate(steps)]
+    lost = [chain.note(1_000_000 + item, *value) for item, value in enumerate(steps)]
     assert sum(lost) == pytest.approx(3600 * hours * RATE, abs=FRAME)
     assert all(lost)
     # Device time continues from there.
-    assert chain.note(1_500_000, time_value(*times.of(1_500_000, (1, 0.0)))) == 0
+    assert chain.note(1_500_000, *times.of(1_500_000, (1, 0.0))) == 0
 
 
 def test_frame_alignment_without_frames_keeps_few_tags():

@@ -52,6 +52,7 @@ PYBIND11_MODULE(wiforce_kernels, m)
     py::class_<timeline>(m, "timeline", "Times on a stream of samples; see Timeline.")
         .def(py::init<double>())
         .def("note", &note)
+        .def_property_readonly("lost", &timeline::lost)
         .def("time_at", &time_at);
     py::class_<device_settings>(
         m,
