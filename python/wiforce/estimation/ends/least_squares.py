@@ -23,39 +23,6 @@ from ..groups import Array, GroupFit, Groups, GroupTones, GroupWeights
 # Polynomials of the phase over a group. The first n terms of a random walk's expansion leave
 # 2 / (pi^2 n) of its power (K. Karhunen, 1947): 3 % for six.
 _POLYNOMIALS = 6
-
-
-def without_wander(
-    weights: GroupWeights,
-    slopes: Sequence[Array],
-    ends: Array,
-    white: Array,
-    solver: Array,
-    residual: Array,
-) -> Array:
-    """Residual (M, K) without what slow changes of the clocks' phases inside a group explain.
-
-    Without a crystal, a jitter of 0.3 us per period moves the phase by 0.6 deg in 36 ms, coherently
-    over the subcarriers; the ends' phases are not disturbed, since positive and negative lines turn
-    in opposite directions. ``slopes`` (n, 2) of each such tag, its ``ends`` (2 tags, K), ``white``
-    (M, E) and ``solver`` (E, M) of all tags.
-    """
-    times = weights.times_s
-    reach = max(float(np.abs(times).max()), 1e-12)
-    courses = legendre.legvander(times / reach, _POLYNOMIALS - 1).T
-    changes = []
-    for place, each in enumerate(slopes):
-        moved = weights.mix(each * courses[:, :, None])
-        changes.append(moved @ ends[2 * place : 2 * place + 2])
-    basis = np.concatenate(changes)
-    basis -= white @ (solver @ basis)
-    rows = basis.reshape(len(basis), -1)
-    gram = (rows.conj() @ rows.T).real
-    sizes, *_ = np.linalg.lstsq(gram, (rows.conj() @ residual.ravel()).real, rcond=1e-9)
-    result: Array = residual - np.tensordot(sizes, basis, 1)
-    return result
-
-
 # Times that the ends are solved. Each leaves of their error the share of the power that is spread:
 # -13 dB for symbols of 0.05 of the tag's period. Of symbols of 0.02 at most, more than one change
 # neither phases nor SNR (60 dB).
@@ -215,25 +182,29 @@ class ToneModel:
         )
 
     def remove_wander(self, fit: end_fit, groups: GroupTones, clocks: ClockPath) -> None:
-        """Remove from residuals what the wander of clocks without a crystal explains."""
+        """Remove from residuals what slow changes of the clocks' phases inside a group explain.
+
+        Without a crystal, a jitter of 0.3 us per period moves the phase by 0.6 deg in 36 ms,
+        coherently over the subcarriers; the ends' phases are not disturbed, since positive and
+        negative lines turn in opposite directions.
+        """
         wandering = [(i, tag) for i, tag in enumerate(self.locked) if tag.clock.wanders]
-        if not wandering:
-            return
-        columns = [column for i, _ in wandering for column in (2 * i, 2 * i + 1)]
-        for row, weights in enumerate(groups.weights):
-            one = slice(row, row + 1)
-            slopes = [
-                tag.waveforms_and_slopes(clocks.of(i, one), weights.times_s)[1][0]
-                for i, tag in wandering
-            ]
-            fit.residual[row] = without_wander(
-                weights,
-                slopes,
-                fit.ends[row, columns],
-                fit.white[row],
-                fit.solver[row],
-                fit.residual[row],
-            )
+        for row, weights in enumerate(groups.weights if wandering else ()):
+            times_s, changes = weights.times_s, []
+            reach_s = max(float(np.abs(times_s).max()), 1e-12)
+            courses = legendre.legvander(times_s / reach_s, _POLYNOMIALS - 1).T
+            for i, tag in wandering:
+                clock = clocks.of(i, slice(row, row + 1))
+                slopes = tag.waveforms_and_slopes(clock, times_s)[1][0]
+                moved = weights.mix(slopes * courses[:, :, None])
+                changes.append(moved @ fit.ends[row, 2 * i : 2 * i + 2])
+            basis = np.concatenate(changes)
+            basis -= fit.white[row] @ (fit.solver[row] @ basis)
+            rows, residual = basis.reshape(len(basis), -1), fit.residual[row]
+            gram = (rows.conj() @ rows.T).real
+            along = (rows.conj() @ residual.ravel()).real
+            sizes, *_ = np.linalg.lstsq(gram, along, rcond=1e-9)
+            fit.residual[row] = residual - np.tensordot(sizes, basis, 1)
 
     def own_tones(self, tag: TrackedTag, groups: GroupTones, fit: GroupFit | None) -> Array:
         """The lines of a tag, minus what a fit says of the other tags; shape (G, L, K)."""
