@@ -24,23 +24,18 @@ from ...wiforce_kernels import (
 from ..groups import Array, Groups, is_clipped
 
 
-def channel_ratio(first: Array, second: Array) -> Array:
-    """Ratio H_1 / H_2 of the channels of two antennas, (n, K); 0 where the second receives nothing.
-
-    Of H_a = exp(j phi) (S_a + r T_a) it cancels the oscillators' phase, and is linear in r while
-    the tag is weak: higher orders change a phase by up to 2 |T|/|S| rad (Y. Zeng et al., FarSense,
-    2019).
-    """
-    received = np.abs(second) > 0
-    return np.divide(first, second, out=np.zeros_like(first), where=received)
-
-
 def folded_ratio(first: Array, second: Array, waveform: Waveform) -> Array:
-    """Ratio of antennas times the symbol, like one's folded frames, (n, symbol_length)."""
+    """Ratio of antennas times the symbol, like one's folded frames, (n, symbol_length).
+
+    Of H_a = exp(j phi) (S_a + r T_a) the ratio H_1 / H_2 cancels the oscillators' phase, and is
+    linear in r while the tag is weak: higher orders change a phase by up to 2 |T|/|S| rad (Y. Zeng
+    et al., FarSense, 2019). It is 0 where the second antenna receives nothing.
+    """
     bins = waveform.bins
-    channels = [np.fft.fft(folded.astype(complex), axis=1)[:, bins] for folded in (first, second)]
+    one, two = (np.fft.fft(each.astype(complex), axis=1)[:, bins] for each in (first, second))
+    ratio = np.divide(one, two, out=np.zeros_like(one), where=np.abs(two) > 0)
     spectrum = np.zeros((len(first), waveform.symbol_length), complex)
-    spectrum[:, bins] = channel_ratio(*channels) / waveform.equalizer()[bins]
+    spectrum[:, bins] = ratio / waveform.equalizer()[bins]
     return np.fft.ifft(spectrum, axis=1)
 
 
