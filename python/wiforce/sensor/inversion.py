@@ -180,18 +180,13 @@ class Inverter:
         location_mm: ArrayLike | None = None,
     ) -> Inversion:
         """See :meth:`SensorModel.invert`."""
-        phases = np.asarray(phases_deg, float)
-        if phases.ndim < 2:
-            phases = np.atleast_2d(phases)
+        phases = np.atleast_2d(np.asarray(phases_deg, float))
         if phases.ndim != 2 or phases.shape[1] != self.size:
             rule = f"must have {self.size} columns"
             raise InputError("phases_deg", rule, np.shape(phases_deg))
         std = standard_deviations(std_deg, phases.shape)
-        if location_mm is None:
-            values, codes = self.posterior.invert(phases, std, None)
-            values[:, -1] += self.ruler_mm2
-            return inversion_of(values, codes)
-        location = np.broadcast_to(np.asarray(location_mm, float), len(phases))
+        given = np.nan if location_mm is None else np.asarray(location_mm, float)
+        location = np.broadcast_to(given, len(phases))
         first, last = self.location_mm[[0, -1]]
         outside = location[(location < first) | (location > last)]
         if outside.size:
