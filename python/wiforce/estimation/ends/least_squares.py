@@ -124,15 +124,12 @@ class ToneModel:
     def fit(self, groups: GroupTones, clocks: ClockPath) -> GroupFit:
         """Least squares over the locked tags, at their clocks."""
         rows = np.array([row for tag in self.locked for row in tag.rows], int)
-        return GroupFit(rows, self._mixing(groups, clocks), groups.white)
-
-    def _mixing(self, groups: GroupTones, clocks: ClockPath) -> Array:
-        """Whitened parts of the locked tags' waveforms, and of their slopes behind them."""
-        if not self.locked:
-            return np.empty((len(groups), len(self.table.tones), 0))
-        switching, pulses = self._switching(clocks)
-        parts = [weights.switched(switching[rows], pulses) for weights, rows in groups.by_weights()]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        # Whitened parts of the tags' waveforms, and of their slopes behind them.
+        mixed = [np.empty((len(groups), len(self.table.tones), 0))]
+        if len(rows):
+            switching, pulses = self._switching(clocks)
+            mixed = [by.switched(switching[own], pulses) for by, own in groups.by_weights()]
+        return GroupFit(rows, np.concatenate(mixed), groups.white)
 
     def _switching(self, clocks: ClockPath) -> tuple[Array, Array]:
         """Phase, rate and half a window (G, S, 3), delay and duties (S, 3) of the locked tags."""
