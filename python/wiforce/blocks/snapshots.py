@@ -9,6 +9,7 @@ from ..estimation.capture.folded_groups import folded_ratio, ratio_noise
 from ..estimation.capture.frame import FrameFollower
 from ..estimation.groups import Array
 from ..signal.waveform import Waveform
+from ..wiforce_kernels import fold_frames
 from . import names
 from .argument_types import Kept, typed
 from .group_block import NoiseTags, noise_value
@@ -111,8 +112,6 @@ _RX_TIME, _RETUNED = pmt.intern(names.RX_TIME), pmt.intern(names.RETUNED)
 _SNAPSHOT = pmt.intern(names.SNAPSHOT)
 _SATURATED = pmt.intern(names.SATURATED)
 _MOST_WAITING = 4096  # vectors
-# The largest code of a converter of 12 bits, left-justified; as in preamble_folder.cc.
-_SATURATED_CODE = 32752
 
 
 class free_fold(Kept, gr.basic_block):
@@ -201,18 +200,12 @@ class free_fold(Kept, gr.basic_block):
         if self._retuned:
             self._marks.append((self._count, _RETUNED, pmt.from_uint64(1)))
             self._retuned = False
-        begin, repetitions = self._waveform.first_averaged, self._waveform.repetitions
-        length = self._waveform.symbol_length
-        averaged = frames[:, begin : begin + repetitions * length]
-        shape = len(frames), repetitions, length, 2, 2
-        parts = averaged.reshape(shape).astype(np.float32) / 32768
-        # A single repetition has no difference, as in sample_loops.h.
-        other = parts if repetitions > 1 else np.concatenate([parts, parts], axis=1)
-        steps = np.sum(np.diff(other, axis=1) ** 2, axis=-1)
-        noise = np.stack([steps.min(axis=1).mean(axis=1), steps.max(axis=1).mean(axis=1)], -1)
-        mean = np.moveaxis(parts.mean(axis=1), 2, 1)
-        vectors = np.ascontiguousarray(mean).view(np.complex64)[..., 0]
-        full = np.any(np.abs(averaged.astype(np.int32)) >= _SATURATED_CODE, axis=(1, 2))
+        waveform = self._waveform
+        averaged = waveform.first_averaged, waveform.repetitions, waveform.symbol_length
+        first, second = (fold_frames(frames[:, :, at : at + 2], *averaged) for at in (0, 2))
+        vectors = np.stack([first[0], second[0]], axis=1)
+        noise = np.stack([first[1], second[1]], axis=1)
+        full = np.isin(np.arange(len(frames)), [*first[2], *second[2]])
         self._waiting.append((vectors, noise, full))
         self._count += len(frames)
 

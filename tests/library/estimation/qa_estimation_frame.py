@@ -311,6 +311,23 @@ def test_free_fold_discards_samples_of_another_rate_or_carrier(key, other, own):
     assert offsets(sinks[0], "retuned") == [300]
 
 
+def test_free_fold_gives_the_noise_that_preamble_fold_gives():
+    items = received_by_antennas(0)
+    _, sinks = folded_freely(items, [rx_time(0, 3.0)])
+    source, sink = array_source(items[:, :2].copy()), blocks.vector_sink_c(64)
+    flowgraph = gr.top_block()
+    flowgraph.connect(source, wiforce.preamble_fold(LENGTH, item_type="sc16"), sink)
+    flowgraph.run()
+    freely, known = (
+        np.concatenate(
+            [pmt.f32vector_elements(t.value) for t in each.tags() if str(t.key) == "noise"]
+        ).reshape(-1, 2)
+        for each in (sinks[0], sink)
+    )
+    # Of the same frames, of which other parts are averaged.
+    assert freely.mean(axis=0) == pytest.approx(known.mean(axis=0), rel=0.02)
+
+
 def test_free_fold_frames_before_a_retuning_are_not_marked():
     items, start = received_by_antennas(8), 700 * LENGTH + 50
     retuned = tag_at(start, "retuned", pmt.from_uint64(1))

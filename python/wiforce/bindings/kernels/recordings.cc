@@ -88,6 +88,26 @@ static py::dict read_folded(folded_reader& reader, std::size_t max_frames)
                     "saturated"_a = as_flags(std::move(frames.saturated)));
 }
 
+static py::tuple fold_frames(const array<std::int16_t>& frames,
+                             int first_averaged,
+                             int repetitions,
+                             int symbol_length)
+{
+    const auto [count, length, parts] =
+        sizes_of<3>(frames, "frames must have three dimensions");
+    require_shape(frames, { count, length, 2 }, "frames must hold pairs of codes");
+    const preamble_folder folder(length, first_averaged, repetitions, symbol_length);
+    py::array_t<fc32> folded(shape{ count, symbol_length });
+    py::array_t<float> noise(shape{ count, 2 });
+    std::vector<int> saturated;
+    folder.fold(reinterpret_cast<const sc16*>(frames.data()) + first_averaged,
+                count,
+                folded.mutable_data(),
+                reinterpret_cast<snapshot_noise*>(noise.mutable_data()),
+                saturated);
+    return py::make_tuple(folded, noise, copy(saturated));
+}
+
 static py::dict
 read_tones(tone_reader& reader, std::size_t max_groups, const py::object& on_incomplete)
 {
@@ -144,6 +164,15 @@ void bind_recordings(py::module& m)
 {
     m.attr("COMPARED_FRAMES") = frame_watch::AVERAGED;
     m.attr("UNNOTICED_FRAMES") = frame_watch::UNNOTICED;
+    m.def(
+        "fold_frames",
+        &fold_frames,
+        "frames"_a,
+        "first_averaged"_a,
+        "repetitions"_a,
+        "symbol_length"_a,
+        R"(Folds frames (n, L, 2) of 16-bit codes, as preamble_fold does: vectors (n, symbol),
+their noise (n, 2), smallest and largest, and which frames are saturated.)");
     py::class_<folded_reader> folded(
         m,
         "folded_reader",
