@@ -100,6 +100,22 @@ def test_what_one_fault_spoils_is_flagged(path, fault):
         assert clear >= 30
 
 
+@pytest.mark.parametrize("count", [777, 2345])
+@pytest.mark.parametrize("change", ["cut", "double"])
+def test_frames_are_found_again_without_restart(path, change, count):
+    stream = faults.Stream(codes_in(path), shift_s=(count + faults.FRAME) / faults.RATE)
+    getattr(stream, change)(19 * faults.GROUP + 98_765, count)
+    readings, _ = faults.read(stream)
+    assert not [r for r in readings if faults.wrong(r, stream.shift_s)]
+    flagged = {round(r.time_s / 0.036 - 0.5): bool(r.flags) for r in readings}
+    assert not any(flagged[g] for g in range(6, 16))
+    # The group it falls into, and up to one until frames are found; the tag's clock is known.
+    assert flagged[19]
+    after = [r for r in readings if 21 <= round(r.time_s / 0.036 - 0.5) <= 30]
+    assert [r.touch for r in after] == [1] * 10
+    assert not any(r.flags for r in after)
+
+
 def test_a_reference_taken_late_is_flagged_in_all_that_rests_on_it(path):
     """The tag comes up while it is pressed: its release would look like a press."""
     stream = faults.Stream(codes_in(path).copy())

@@ -6,7 +6,6 @@ whole: all readings of a long press are wrong together.
 """
 
 import pytest
-from chain_runs import assert_equal_readings
 from long_cases import cases
 from press_sequences import FAMILIES, Sequence
 from sequence_readings import by_receiver, by_stream, score
@@ -73,18 +72,6 @@ def test_streams_leave_no_wrong_reading_without_a_flag(family, snapshots, long_r
     found = score(range(50 if long_run else 1), snapshots, family, by_stream)
     # A single sequence of 400 groups.
     assert_honest(found, family, LONG if long_run else 5e-3)
-
-
-@pytest.mark.parametrize(
-    "family, seed", [("mixture", 4), ("turning mixture", 1), ("off states", 2)]
-)
-def test_readings_are_those_of_any_partition_into_batches(family, seed, long_run):
-    """Load and GNU Radio decide which groups come together."""
-    sequence = Sequence(seed, 625, family)
-    expected = by_receiver(sequence, [sequence.groups])
-    assert len({reading.flags for reading in expected}) > 3
-    for sizes in [[1], [1, 2], [1, 30], *([[n] for n in range(2, 20)] if long_run else [])]:
-        assert_equal_readings(by_receiver(sequence, sizes), expected, 1e-6)
 
 
 # Sequences that were once read wrong, and how many readings of them have no flag at least.

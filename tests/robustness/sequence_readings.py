@@ -95,25 +95,25 @@ def _channel(sequence, k):
     return strengths[:, None] * np.exp(-2j * np.pi * np.outer(delays, k / 5.12))
 
 
-def by_receiver(sequence, sizes=_BATCHES):
-    """Readings of groups that are separated already, in batches of these sizes."""
+def by_receiver(sequence):
+    """Readings of groups that are separated already."""
     plan = _plan(sequence)
     groups, receiver = _separated(sequence, plan), Receiver(plan)
     receiver.separation = AsSeparated()
     readings = []
-    for batch, tare in _batches(sequence, sizes):
+    for batch, tare in _batches(sequence):
         if tare is not None:
             receiver.tare(force=tare)
         readings += receiver.process(groups[batch][sequence.received[batch]])
     return readings + receiver.finish(sequence.groups)
 
 
-def _batches(sequence, sizes=_BATCHES):
-    """Slices of some lengths, and whether a tare is asked for before each, and forced."""
+def _batches(sequence):
+    """Slices of any length, and whether a tare is asked for before each, and forced."""
     rng, begin, tares = np.random.default_rng(2), 0, list(sequence.tares)
     while begin < sequence.groups:
         tare = tares.pop(0)[1] if tares and tares[0][0] <= begin else None
-        end = min(begin + int(rng.choice(sizes)), sequence.groups)
+        end = min(begin + int(rng.choice(_BATCHES)), sequence.groups)
         if tares:
             end = min(end, max(tares[0][0], begin + 1))
         yield slice(begin, end), tare

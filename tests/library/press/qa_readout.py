@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from gnuradio.wiforce.estimation.estimators import RatioUnfolder
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.press.evidence import PressEvidence
 from gnuradio.wiforce.press.explanations import filter_of
@@ -85,6 +86,13 @@ def test_readout_flags_the_reference_and_where_a_press_may_begin_or_end():
     assert {20, 29} <= flagged <= {20, 29, 30}
 
 
+def test_readout_gives_a_group_when_the_next_is_known():
+    readout, came = make_readout(), []
+    for group in press(20, 29, 40):
+        came.append([r.group for r in readout.process(group)])
+    assert came == [[], *([g - 1] for g in range(1, 40))]
+
+
 @pytest.mark.parametrize("at_once", [False, True])
 def test_readout_second_of_two_groups_that_dip_is_flagged_transition(at_once):
     """A press that is replaced within two groups by another was read between them."""
@@ -149,6 +157,19 @@ def test_readout_motion_of_the_tag_is_flagged_moved():
     assert not any(r.touch for r in readings)
 
 
+def test_readout_steps_of_the_paper_add_up():
+    """Each group against the one before: the touch must stay after its first group."""
+    changes = press(20, 29, 40)
+    steps = changes[:1] + [
+        scaled(group, 1 / before.ratios)
+        for before, group in zip(changes[:-1], changes[1:], strict=True)
+    ]
+    unfolder = RatioUnfolder("step")
+    readings = readings_of(make_readout(), map(unfolder.process, steps))
+    assert [r.touch for r in readings] == [int(20 <= g <= 29) for g in range(40)]
+    assert readings[25].location_mm == pytest.approx(35.0, abs=0.2)
+
+
 @pytest.mark.parametrize("location_mm", [36, 41, 44])
 @pytest.mark.parametrize("wider_mm", [8, 40])
 def test_readout_contact_wider_than_calibrated_is_flagged_as_long_as_it_is_held(
@@ -206,6 +227,15 @@ def test_readout_group_before_an_unknown_reference_is_what_it_was():
     assert readings[29].touch == 1
     assert readings[29].force_n == pytest.approx(4.0, abs=0.1)
     assert "ambiguous" in readings[35].flags
+
+
+def test_readout_late_reference_is_flagged_inconsistent():
+    groups = [
+        group.having(late_reference=np.full((1, 2), g < 9))
+        for g, group in enumerate(press(5, 8, 14))
+    ]
+    flagged = ["inconsistent" in r.flags for r in readings_of(make_readout(), groups)]
+    assert flagged == [True] * 9 + [False] * 5
 
 
 def test_readout_motion_while_touched_widens_what_is_stated():

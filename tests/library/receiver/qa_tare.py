@@ -7,6 +7,7 @@ from gnuradio import wiforce
 from gnuradio.wiforce.estimation.groups import Groups
 from gnuradio.wiforce.press.sensor_state import SensorState
 from gnuradio.wiforce.receiver import Receiver
+from long_cases import cases
 from plain import WAVEFORM
 from sequence_readings import AsSeparated
 
@@ -264,3 +265,20 @@ def test_tag_that_returns_moved_is_doubted_at_first(turned_deg):
     bench.run(40, turned_deg=turned_deg)
     pairs = bench.finished()
     assert not wrong(pairs) and all(r.flags for _, r in pairs[76:80])
+
+
+@pytest.mark.parametrize("seed", cases(3, long=(0, 1, 2, 4, 5)))
+def test_tare_at_any_moment_leaves_no_wrong_reading_without_a_flag(seed):
+    rng = np.random.default_rng([seed, 7])
+    bench, press = Bench(seed=seed), None
+    for _ in range(60):
+        if rng.random() < 0.4:
+            press = None if press else (rng.uniform(2, 7), rng.uniform(10, 70))
+        if rng.random() < 0.5:
+            bench.receiver.tare(force=rng.random() < 0.3)
+        if rng.random() < 0.1:
+            bench.run(int(rng.integers(20, 50)), press, silent=[0])
+        bench.run(int(rng.integers(1, 20)), press)
+    pairs = [(press, r) for press, r in bench.finished() if r.touch is not None]
+    assert not wrong(pairs)
+    assert sum(not r.flags for _, r in pairs) > 30
