@@ -64,7 +64,8 @@ def option_lines(parameter):
         value = "" if parameter.is_flag or parameter.count else f" {parameter.make_metavar()}"
         yield from (".TP", rf"\fB{roff(names)}\fR{roff(value) and ' ' + roff(value)}")
         default = parameter.default
-        stated = isinstance(default, str | int | float) and not parameter.is_flag
+        known = isinstance(default, str | int | float) and default != ""
+        stated = known and not parameter.is_flag and parameter.show_default is not False
         yield roff((parameter.help or "") + (f" Default: {default}." if stated else ""))
 
 

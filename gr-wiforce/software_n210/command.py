@@ -126,21 +126,17 @@ _MOST_DELAY_US = 1000.0
     "'status', 'sent', 'stop'. Each is answered with a line of JSON."
 )
 @click.argument("scene", required=False)
-@click.option(
-    "--bind", default="127.0.0.1", show_default=True, help="Loopback address to listen at."
-)
+@click.option("--bind", default="127.0.0.1", help="Loopback address to listen at.")
 @click.option(
     "--air",
     type=click.Choice(["scene", "cable"]),
     default="scene",
-    show_default=True,
     help="What connects transmit to receive: SCENE or a cable.",
 )
 @click.option(
     "--delay-us",
     type=float,
     default=_DEFAULT_DELAY_US,
-    show_default=True,
     help="Delay of the device itself, from transmit to receive.",
 )
 @click.option(
@@ -155,7 +151,6 @@ _MOST_DELAY_US = 1000.0
     "--speed",
     type=float,
     default=1.0,
-    show_default=True,
     help="Device seconds per second of wall time, at most.",
 )
 def emulate(scene, bind, air, delay_us, faults, speed):

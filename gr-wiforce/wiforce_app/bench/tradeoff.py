@@ -220,6 +220,7 @@ def points_table(results):
 
 
 def verdict(results):
+    """What beats the plan's choice."""
     found = {Path(result["scene"]).stem: beat_the_plan(result["points"]) for result in results}
     beaten = [f"{scene} ({', '.join(names)})" for scene, names in found.items() if names]
     return (

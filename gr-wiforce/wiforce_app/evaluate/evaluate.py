@@ -382,7 +382,7 @@ def cause_table(results, figures):
         ends = [figure[key]] if bar is None else [figure[key] - bar, figure[key] + bar]
         first = {"scene": name, "published": f"{' to '.join(f'{end:.3g}' for end in ends)} {unit}"}
         for cause, (ours, _, corrected) in causes.items():
-            papers = f"{corrected.get(key, np.nan):.3g} {unit}"
+            papers = f"{corrected[key]:.3g} {unit}" if key in corrected else ""
             rows.append({**ours, **first, "cause": cause, "papers": papers})
             first = {}
         rows.append({"cause": "range of ours", **_ranges(causes)})

@@ -75,6 +75,7 @@ class RadioLink:
                 raise DeviceLost(self._end()) from None
             if isinstance(report, Exception):
                 raise report
+            assert report.keys() <= vars(self).keys()  # the process names attributes of this link
             vars(self).update(report)
 
     def stop(self) -> None:

@@ -132,7 +132,8 @@ struct explanation {
     //! What would be received if nobody touched.
     struct untouched_line : drifting_phases {
         both_amplitudes amplitude;
-        bool known = true; // a press may have begun before the first group
+        // A press may have begun before the first group; that of an untouched sensor is.
+        bool known = true;
 
         both_ends ratio() const { return amplitude.at(phase()); }
     } line;

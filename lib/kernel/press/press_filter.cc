@@ -193,7 +193,7 @@ void press_filter::predict(explanation& from)
 
 void press_filter::start(const press_observation& group)
 {
-    const double rate = d_set.drift_deg * deg;
+    const double rate = d_set.drift_deg * deg; // negative to learn it
     auto& first = d_next.emplace_back();
     // Both ends drift by themselves: their mean by less, their difference by more.
     first.line.common = drift_bank(std::sqrt(0.5), rate);
@@ -246,9 +246,9 @@ press_filter::chances press_filter::chances_of(const explanation& from) const
     return may;
 }
 
-// By what changes suddenly, beside the contact that the model contains, and hides
-// nothing.
-void press_filter::change_suddenly(const explanation& from,
+// The sudden events that are the same in all states: the tag turns, a contact begins that
+// the model does not contain, a cable moves.
+void press_filter::branch_suddenly(const explanation& from,
                                    const chances& may,
                                    double share)
 {
@@ -311,7 +311,7 @@ void press_filter::branch_untouched(const explanation& from)
         remain_untouched(from, may.quiet * (1 - may.turns - may.hands));
         begin_turning(from, may, may.quiet);
     }
-    change_suddenly(from, may, between);
+    branch_suddenly(from, may, between);
     with_courses(from, [&](const explanation& tag, double share) {
         press(tag, between * may.press * share);
     });
@@ -359,7 +359,7 @@ void press_filter::branch_touched(const explanation& from)
         begin_changing(from, may.quiet * begins);
         begin_turning(from, may, rests);
     }
-    change_suddenly(from, may, between);
+    branch_suddenly(from, may, between);
     with_courses(from, [&](const explanation& tag, double share) {
         release(tag, between * may.release * share);
         exchange(tag, between * may.exchange * share);
@@ -389,7 +389,7 @@ void press_filter::branch_mixed(const explanation& from)
     next.is = mixture.before;
     next.age_s = mixture.age_s;
     next.log_weight = from.log_weight + to_this;
-    change_suddenly(next, may, ends);
+    branch_suddenly(next, may, ends);
     // What was seen was not the tag.
     next.log_weight = from.log_weight - known;
     next.mean.weight = {};

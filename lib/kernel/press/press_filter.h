@@ -61,13 +61,15 @@ private:
 
     enum class course { begins, goes_on, ends };
 
-    // Probabilities in the time of a group: that the state changes, to a contact that the
-    // model does not contain or to another, by how it does; that the tag turns, a hand
-    // comes near, a cable moves or a burst hides the tag; that anything of these is
-    // sudden, and that nothing is.
+    // Probabilities in the time of a group.
     struct chances {
-        double all, unexplained, press, release, exchange, steadily;
-        double turns, hands, moves, bursts;
+        double all;                // that the state changes:
+        double unexplained, press; // to a contact beside the model, or otherwise,
+        double release, exchange, steadily; // where it is touched
+        double turns, hands, moves, bursts; // of the tag, cables, what hides the tag
+        // That something is sudden (a cable may move the line, or phases beside it of a
+        // touched sensor, each with `moves`); and the rest, in which changes begin that
+        // last.
         double sudden, quiet;
     };
 
@@ -81,7 +83,7 @@ private:
     void branch_touched(const explanation& from);
     void branch_mixed(const explanation& from);
     chances chances_of(const explanation& from) const;
-    void change_suddenly(const explanation& from, const chances& may, double share);
+    void branch_suddenly(const explanation& from, const chances& may, double share);
     void begin_turning(const explanation& from, const chances& may, double share);
     void begin_changing(const explanation& from, double probability);
     // Give the probability of coming to rest.
