@@ -88,7 +88,10 @@ class GroupedHelp(click.Command):
     def full_help(self, ctx):
         """The help with every option explained, as text."""
         ctx.meta[_EVERYTHING] = True
-        return self.get_help(ctx)
+        try:
+            return self.get_help(ctx)
+        finally:
+            del ctx.meta[_EVERYTHING]  # parents and other commands have the same one
 
     def format_options(self, ctx, formatter):
         everything = ctx.meta.get(_EVERYTHING, False)

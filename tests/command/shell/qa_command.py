@@ -58,6 +58,7 @@ def test_help_fits_on_a_screen_and_explains_all_options_on_request():
         shown = each.get_help(context)
         assert len(shown.splitlines()) <= 45, name
         everything = each.full_help(context) if hasattr(each, "full_help") else shown
+        assert each.get_help(context) == shown, name
         for parameter in each.params:
             if isinstance(parameter, click.Option) and not parameter.hidden:
                 assert parameter.opts[-1] in shown, (name, parameter.opts)
