@@ -39,14 +39,14 @@ def check_loopback(address):
     raise InputError("--bind", "must be a loopback address, 127.0.0.0/8", address)
 
 
-class Sockets(dict):
+class Sockets:
     """One socket per port of the device, at a loopback IPv4 address."""
 
     def __init__(self, address):
-        super().__init__()
+        self._sockets = {}
         try:
             for port in ALL_PORTS:
-                self[port] = _bound(address, port)
+                self._sockets[port] = _bound(address, port)
         except OSError as error:
             self.close()
             if error.errno == errno.EADDRINUSE:
@@ -56,17 +56,20 @@ class Sockets(dict):
             raise InputError("--bind", rule, address) from error
 
     def close(self):
-        for sock in self.values():
+        for sock in self._sockets.values():
             sock.close()
-        self.clear()
+        self._sockets.clear()
 
     def receive_buffer(self, port):
         """Capacity of a port's receive buffer in bytes, the kernel's overhead included."""
-        return self[port].getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        return self._sockets[port].getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
+    def items(self):
+        return self._sockets.items()
 
     def drain(self, port):
         """All datagrams that are queued at a port, as (bytes, peer)."""
-        receive = self[port].recvfrom
+        receive = self._sockets[port].recvfrom
         received = []
         try:
             while len(received) < _MOST_AT_ONCE:
@@ -78,7 +81,7 @@ class Sockets(dict):
     def send(self, port, datagram, peer):
         """Send a datagram; it is lost when the receiver is full or absent, as on a network."""
         try:
-            self[port].sendto(datagram, peer)
+            self._sockets[port].sendto(datagram, peer)
         except OSError:
             pass  # also where no address is one to send to: of a forged datagram
 
@@ -88,7 +91,7 @@ class Sockets(dict):
         control = [(_SOL_UDP, _UDP_SEGMENT, struct.pack("=H", size))]
         for start in range(0, len(data), step):
             try:
-                self[port].sendmsg([data[start : start + step]], control, 0, peer)
+                self._sockets[port].sendmsg([data[start : start + step]], control, 0, peer)
             except OSError:
                 pass  # lost, as by `send`, or since the system has no buffers
 
