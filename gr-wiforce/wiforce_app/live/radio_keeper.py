@@ -38,6 +38,7 @@ class RadioKeeper:
         self._on_open, self._make_link, self._now = on_open, link, now
         self._link: RadioLink | None = None
         self._attached = False
+        self._underflow_s = 0.0  # of the link, as far as it was warned of
         self._pause_s = _SHORTEST_PAUSE_S
         self._next_s = self._running_s = self._lost_s = now()
         self._pace = WarningPace(now)
