@@ -88,7 +88,7 @@ def _protect_captures(tasks, whole):
 
 
 def _run(tasks, jobs, journal, reports, failures):
-    """Add what becomes of each capture: its report, or by its name the error."""
+    """Add the report of each capture to ``reports``, or its error by name to ``failures``."""
     with progress(f"reading {len(tasks)} captures", len(tasks)) as step:
         # Closed at once when interrupted, so that no worker goes on.
         with contextlib.closing(run_tasks(read_capture_file, tasks, jobs)) as found:
@@ -128,7 +128,7 @@ def _keep(journal, task, report):
 
 
 def _summary(reports, failed):
-    """What became of all captures, in one line."""
+    """Counts of captures by outcome, and of their groups, in one line."""
     unchanged, counts = sum(report.unchanged for report in reports), GroupCounts()
     for report in reports:
         counts.add(report.counts)
